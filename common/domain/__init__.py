@@ -1,0 +1,1 @@
+"""The nouns of the problem: heightmaps, scenes, models and their deviations. NumPy only, no input or output."""

@@ -67,7 +67,5 @@ class DeviationEstimator(ABC):
         for name in ("mean", "upper", "familiar"):
             values = getattr(estimates, name)
             if values.shape != (len(checked),) or not np.isfinite(values).all():
-                raise ModelError(
-                    f"MDE of {self.model}: expected {len(checked)} finite numbers as {name}, got {values}"
-                )
+                raise ModelError(f"MDE of {self.model}: expected {len(checked)} finite numbers as {name}, got {values}")
         return estimates

@@ -90,9 +90,7 @@ def check_actions(actions: Floats, largest_batch: int) -> NDArray[np.float64]:
     """Return actions as float64 ``(B, n)``, or raise `RequestError`."""
     checked = np.array(actions, dtype=np.float64)
     if checked.ndim != 2 or not 1 <= len(checked) <= largest_batch:
-        raise RequestError(
-            f"actions: expected shape (B, n) with B from 1 to {largest_batch}, got {checked.shape}"
-        )
+        raise RequestError(f"actions: expected shape (B, n) with B from 1 to {largest_batch}, got {checked.shape}")
     if not np.isfinite(checked).all():
         raise RequestError("actions: expected finite numbers, got NaN or infinite ones")
     return checked

@@ -76,9 +76,7 @@ class State:
         if float(heights.min()) < 0 or not (heights > 0).any():
             raise RequestError("item.heights: expected thicknesses of 0 or more and some above 0")
         if (materials[:2][:, heights > 0] <= 0).any():
-            raise RequestError(
-                "item.materials: expected density and Young's modulus above 0 wherever the item is"
-            )
+            raise RequestError("item.materials: expected density and Young's modulus above 0 wherever the item is")
         object.__setattr__(self, "item", Item(heights, materials))
 
     @property

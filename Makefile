@@ -1,0 +1,44 @@
+# Everything below needs Python 3.11 or later and make; the first target that needs it builds .venv.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-compose check format schemas scenes benchmark clean
+
+$(VENV)/ready: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"expected Python 3.11 or later, got {sys.version.split()[0]}")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $@
+
+demo: $(VENV)/ready  ## one bundled scene, optimised by the whole system; writes out/demo/
+	$(BIN)/frugal demo
+
+test: $(VENV)/ready check  ## static checks and all tests that need no container engine
+	$(BIN)/python -m pytest -q -m 'not system'
+
+test-compose: $(VENV)/ready  ## the same system in containers; needs a Docker engine with Compose
+	$(BIN)/python -m pytest -q -m system tests/system --timeout 1500
+
+check: $(VENV)/ready  ## style, types, architecture
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports --no-cache
+
+format: $(VENV)/ready
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+schemas: $(VENV)/ready  ## rewrite proto_schemas/ from the messages
+	$(BIN)/python -m common.wire.schemas
+
+scenes: $(VENV)/ready  ## rewrite the bundled scenes from their seeds
+	$(BIN)/python -m pipelines.cases
+
+benchmark: $(VENV)/ready
+	$(BIN)/python benchmarks/optimizer.py
+
+clean:
+	rm -rf $(VENV) out build *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -14,7 +14,7 @@ $(VENV)/ready: pyproject.toml
 demo: $(VENV)/ready  ## one bundled scene, optimised by the whole system; writes out/demo/
 	$(BIN)/frugal demo
 
-test: $(VENV)/ready check  ## static checks and all tests that need no container engine
+test: $(VENV)/ready  ## all tests that need no container engine
 	$(BIN)/python -m pytest -q -m 'not system'
 
 test-compose: $(VENV)/ready  ## the same system in containers; needs a Docker engine with Compose

@@ -43,12 +43,12 @@ class Grid:
     @property
     def x(self) -> NDArray[np.float64]:
         """Centres of the columns ``(W,)`` [m]."""
-        return (np.arange(self.columns) - (self.columns - 1) / 2) * self.cell
+        return (np.arange(self.columns, dtype=np.float64) - (self.columns - 1) / 2) * self.cell
 
     @property
     def y(self) -> NDArray[np.float64]:
         """Centres of the rows ``(H,)`` [m]."""
-        return (np.arange(self.rows) - (self.rows - 1) / 2) * self.cell
+        return (np.arange(self.rows, dtype=np.float64) - (self.rows - 1) / 2) * self.cell
 
     @property
     def half_extent(self) -> tuple[float, float]:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from common.domain.case import Case
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from common.domain.case import Case
 from common.domain.grid import Floats, Grid
 from common.domain.heightmap import shift
 from common.domain.trial import Result, Trial
@@ -33,7 +33,12 @@ def draw_placement(case: Case, result: Result) -> Figure:
     """
     grid, scene = case.state.grid, case.state.scene.heights
     panels = (scene, case.target, scene, result.heights)
-    titles = ("Initial scene and item", "Target", f"{len(result.trials)} evaluated actions", "Achieved with the best action")
+    titles = (
+        "Initial scene and item",
+        "Target",
+        f"{len(result.trials)} evaluated actions",
+        "Achieved with the best action",
+    )
     limits = float(min(p.min() for p in panels)) * 1e3, float(max(p.max() for p in panels)) * 1e3
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -50,7 +55,9 @@ def draw_placement(case: Case, result: Result) -> Figure:
     _draw_outline(axes[0], case.state.item.heights, grid, (0.0, 0.0))
     handles: list[Line2D] = [_outline_handle()]
     if case.true_action is not None:
-        handles.append(_cross(axes[1], case.true_action, "white", "true action" if case.same_item else "target's action"))
+        handles.append(
+            _cross(axes[1], case.true_action, "white", "true action" if case.same_item else "target's action")
+        )
         _cross(axes[3], case.true_action, "white", "")
     handles += _draw_trials(axes[2], result.trials)
     _draw_outline(axes[3], case.state.item.heights, grid, result.action)
@@ -88,7 +95,13 @@ def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, fl
 def _draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
     moved = shift(item, action[0] / grid.cell, action[1] / grid.cell)
     ax.contour(
-        grid.x * CM, grid.y * CM, moved, levels=[float(np.max(item)) * 0.4], colors="#D55E00", linestyles="--", linewidths=1.4
+        grid.x * CM,
+        grid.y * CM,
+        moved,
+        levels=[float(np.max(item)) * 0.4],
+        colors="#D55E00",
+        linestyles="--",
+        linewidths=1.4,
     )
 
 
@@ -98,7 +111,14 @@ def _outline_handle() -> Line2D:
 
 def _cross(ax: Axes, action: tuple[float, ...], color: str, label: str) -> Line2D:
     (line,) = ax.plot(
-        action[0] * CM, action[1] * CM, "X", color=color, markeredgecolor="black", markersize=11, linestyle="none", label=label
+        action[0] * CM,
+        action[1] * CM,
+        "X",
+        color=color,
+        markeredgecolor="black",
+        markersize=11,
+        linestyle="none",
+        label=label,
     )
     return line
 

@@ -1,0 +1,69 @@
+"""The command ``frugal``: every command is imported when it is called, so that ``--help`` is instant."""
+
+import importlib
+import sys
+
+import click
+
+from common.domain.errors import FrugalError
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "up": ("services.cli.up:up", "Start router, workers and orchestrator on this machine, in the foreground."),
+    "serve": (
+        "services.cli.serve:serve",
+        "Run one process of the system: router, a model's worker or the orchestrator.",
+    ),
+    "workers": ("services.cli.workers:workers", "List the live workers with their cards, health and measured cost."),
+    "optimize": ("services.cli.optimize:optimize", "Ask the running system for the best action of a scene."),
+    "demo": ("services.cli.demo:demo", "Start everything, optimise one bundled scene, draw it, stop everything."),
+    "watch": ("services.cli.watch:watch", "Watch workers and running optimisations live."),
+    "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),
+}
+"""Name -> (where the command is, one line of help)."""
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported on use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name][0].split(":")
+        return getattr(importlib.import_module(module), attribute)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write names and help from the table, importing nothing."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup)
+@click.version_option(package_name="frugal")
+def frugal() -> None:
+    """Choose a robot's action with several models, and pay for the slow one only where the fast ones fail."""
+
+
+def main() -> None:
+    """Run the command line; errors are one line, the exit code is 0 only if everything asked for was done."""
+    try:
+        frugal.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.exceptions.Exit as error:
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("frugal: interrupted", err=True)
+        sys.exit(130)
+    except FrugalError as error:
+        click.echo(f"frugal: {error.code}: {error}", err=True)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

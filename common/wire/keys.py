@@ -1,0 +1,97 @@
+"""The keys of the protocol: who is where, and which of its endpoints a key names."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from common.domain.errors import RequestError
+
+VERSION = 1
+ROOT = f"frugal/@v{VERSION}"
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+
+Role = Literal["model", "mde", "orchestrator"]
+ROLES: tuple[Role, ...] = get_args(Role)
+
+
+def check_name(kind: str, name: str) -> str:
+    """Return ``name`` if it can be one chunk of a key, or raise `RequestError`."""
+    if not re.match(NAME_PATTERN, name) or name.endswith("\n"):
+        raise RequestError(
+            f"{kind}: expected 1 to 64 letters, digits, '_', '.' or '-', the first a letter or digit, got {name[:80]!r}"
+        )
+    return name
+
+
+@dataclass(frozen=True)
+class Address:
+    """One worker process: ``<task>/model/<model>/<instance>`` or ``<task>/orchestrator/<instance>``.
+
+    Attributes:
+        task: The task that it serves.
+        role: What it does.
+        model: The model that it runs, or whose deviation it estimates; None for an orchestrator.
+        instance: Which of the processes of one kind it is.
+    """
+
+    task: str
+    role: Role
+    model: str | None
+    instance: str
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES:
+            raise RequestError(f"role: expected one of {', '.join(ROLES)}, got {self.role!r}")
+        if (self.role == "orchestrator") != (self.model is None):
+            raise RequestError(f"model: expected a name for every role but the orchestrator, got {self.model!r}")
+        check_name("task", self.task)
+        check_name("instance", self.instance)
+        if self.model is not None:
+            check_name("model", self.model)
+
+    @property
+    def prefix(self) -> str:
+        """The key that all its endpoints start with."""
+        return "/".join(part for part in (ROOT, self.task, self.role, self.model, self.instance) if part)
+
+    @property
+    def worker(self) -> str:
+        """Its short name in events and messages: ``<model>/<instance>``."""
+        return f"{self.model or self.role}/{self.instance}"
+
+    def key(self, leaf: str) -> str:
+        """Return the key of an endpoint, ``predict`` or ``cancel/<id>`` for instance."""
+        return f"{self.prefix}/{leaf}"
+
+
+def parse_address(key: str) -> tuple[Address, str]:
+    """Return the worker that a key belongs to, and the rest of the key (``live``, ``progress/<id>``).
+
+    Raises:
+        RequestError: It is no key of a worker.
+    """
+    if not key.startswith(f"{ROOT}/"):
+        raise RequestError(f"expected a key under {ROOT}, got {key[:200]!r}")
+    task, *rest = key.removeprefix(f"{ROOT}/").split("/")
+    if len(rest) >= 3 and rest[0] == "orchestrator":
+        return Address(task, "orchestrator", None, rest[1]), "/".join(rest[2:])
+    if len(rest) >= 4 and rest[0] == "model":
+        return Address(task, "model", rest[1], rest[2]), "/".join(rest[3:])
+    if len(rest) >= 4 and rest[0] == "mde":
+        return Address(task, "mde", rest[1], rest[2]), "/".join(rest[3:])
+    raise RequestError(f"expected a worker's key, got {key[:200]!r}")
+
+
+def alias(task: str, leaf: str) -> str:
+    """Return the key that reaches any orchestrator of a task, ``frugal/@v1/<task>/optimize`` for instance."""
+    return f"{ROOT}/{check_name('task', task)}/{leaf}"
+
+
+def every_live(task: str) -> str:
+    """Return the key expression of all liveliness tokens of a task (``*``: of every task)."""
+    return f"{ROOT}/{task}/**/live"
+
+
+def every_orchestrator(task: str, leaf: str) -> str:
+    """Return the key expression of one endpoint at all orchestrators of a task (``*``: of every task)."""
+    return f"{ROOT}/{task}/orchestrator/*/{leaf}"

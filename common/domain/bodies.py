@@ -96,7 +96,8 @@ class Box:
         norm = float(np.linalg.norm(self.orientation))
         if abs(norm - 1) > 1e-3:
             raise RequestError(f"box: expected a unit quaternion, got one of length {norm:g}")
-        object.__setattr__(self, "orientation", self.orientation / norm)
+        if abs(norm - 1) > 1e-12:  # a unit quaternion keeps its bits, and so its state's digest, on every hop
+            object.__setattr__(self, "orientation", self.orientation / norm)
 
     @property
     def rotation(self) -> NDArray[np.float64]:

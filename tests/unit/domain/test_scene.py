@@ -112,3 +112,11 @@ def test_a_tilted_box_is_drawn_along_its_slope():
     top = tilted.top(np.array([-0.01, 0.0, 0.01]), np.zeros(3))
     np.testing.assert_allclose(np.diff(top), -0.01 * np.tan(angle), atol=1e-6)
     assert top[1] == pytest.approx(0.02 + 0.005 / np.cos(angle), abs=1e-6)
+
+
+def test_a_rebuilt_box_keeps_every_bit_of_its_orientation():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        box = Box(FRY.size, FRY.position, (q := rng.normal(size=4)) / np.linalg.norm(q), FRY.material)
+        again = Box(box.size, box.position, box.orientation, box.material)
+        np.testing.assert_array_equal(again.orientation, box.orientation)

@@ -58,7 +58,7 @@ def read_case(path: Path) -> Case:
         RequestError: There is no such file, or it is not a case, or its values are not valid.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return _case(dict(file))
     except FileNotFoundError:
         raise RequestError(f"expected a case file, got {path}, which does not exist") from None

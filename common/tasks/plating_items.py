@@ -147,7 +147,7 @@ def draw_item(
 
 def _centre(outline: Outline) -> tuple[float, float]:
     """Return the centre of the outline's area in its own frame [m]."""
-    lattice = np.arange(-outline.reach, outline.reach, 5e-4)
+    lattice = np.linspace(-1, 1, 501) * outline.reach
     u, v = np.meshgrid(lattice, lattice)
     inside = outline.contains(u, v)
     return float(u[inside].mean()), float(v[inside].mean())

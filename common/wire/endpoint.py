@@ -1,0 +1,43 @@
+"""What a worker answers: a table of endpoints."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any
+
+from common.wire.call import Call
+from common.wire.messages import Reply, Request
+
+
+def unchanged(request: Request) -> Request:
+    """Return the request as it is."""
+    return request
+
+
+def anonymous(request: Request) -> None:
+    """Return None: the answer is not kept for retries."""
+    del request
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """One kind of request and how to answer it.
+
+    Attributes:
+        leaf: Last part of its key, ``predict`` for instance.
+        request: The message that it takes.
+        handler: Computes the reply from what ``prepare`` returned. Domain errors that it raises are sent to the caller
+            as they are, anything else as the model's fault.
+        prepare: Turns the request into what the handler takes, before the queue, so that its errors are told at once.
+            It has to be quick.
+        identity: What makes two requests the same, so that a retry gets the first answer again; None: always compute.
+        alias: Another key that it answers on, shared with other workers.
+        unique_ids: Whether an id that is still in progress is refused.
+    """
+
+    leaf: str
+    request: type[Request]
+    handler: Callable[[Any, Call], Reply]
+    prepare: Callable[[Any], Any] = unchanged
+    identity: Callable[[Any], Hashable | None] = anonymous
+    alias: str | None = None
+    unique_ids: bool = False

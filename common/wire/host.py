@@ -1,0 +1,248 @@
+"""Turns a table of endpoints into a worker: a bounded queue, threads that compute, and keys that always answer."""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+
+import zenoh
+from pydantic import BaseModel
+
+from common.domain.errors import (
+    BusyError,
+    CancelledError,
+    ExpiredError,
+    FrugalError,
+    ModelError,
+    RequestError,
+    UnavailableError,
+)
+from common.wire.call import Call
+from common.wire.cost import CostMeter
+from common.wire.endpoint import Endpoint
+from common.wire.job import Job
+from common.wire.keys import Address, check_name
+from common.wire.messages import CancelReply, Card, ErrorReply, Health, Progress, Reply
+from common.wire.metrics import ENCODING, exposition
+from common.wire.progress import ProgressBoard
+from common.wire.replies import ReplyCache
+
+log = logging.getLogger(__name__)
+
+
+class Host:
+    """One worker on a session.
+
+    Requests are read and prepared as they come and wait in a bounded queue; ``threads`` threads compute, one request
+    each. ``card``, ``health``, ``metrics`` and ``cancel/<id>`` are answered meanwhile.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        card: Card,
+        endpoints: Sequence[Endpoint],
+        *,
+        threads: int = 1,
+        queue_length: int = 16,
+        meter: CostMeter | None = None,
+    ) -> None:
+        self.address = Address(card.task, card.role, card.model, card.instance)
+        self._session = session
+        self._card = card
+        self._endpoints = tuple(endpoints)
+        self._meter = meter or CostMeter()
+        self._queue: queue.Queue[Job | None] = queue.Queue(maxsize=queue_length)
+        self._jobs: dict[Job, Call] = {}
+        self._lock = threading.RLock()
+        self._stopping = False
+        self._served = self._failed = self._refused = 0
+        self._began = time.monotonic()
+        self._replies = ReplyCache()
+        self._board = ProgressBoard(session, self.address)
+        self._queryables: list[zenoh.Queryable[None]] = []
+        self._token: zenoh.LivelinessToken | None = None
+        self._threads = [threading.Thread(target=self._work, name=f"compute-{n}", daemon=True) for n in range(threads)]
+
+    def start(self) -> None:
+        """Declare every key, the liveliness token last, and begin to compute."""
+        for thread in self._threads:
+            thread.start()
+        for endpoint in self._endpoints:
+            for key in filter(None, (self.address.key(endpoint.leaf), endpoint.alias)):
+                self._declare(key, partial(self._receive, endpoint, key))
+        self._declare(self.address.key("card"), partial(self._tell, self.card))
+        self._declare(self.address.key("health"), partial(self._tell, self.health))
+        self._declare(self.address.key("metrics"), self._tell_metrics)
+        self._declare(self.address.key("cancel/*"), self._cancel)
+        self._token = self._session.liveliness().declare_token(self.address.key("live"))
+        log.info("%s serves", self.address.prefix)
+
+    def stop(self, *, grace_s: float) -> bool:
+        """Leave: undeclare the token, turn away what waits, give what is computed ``grace_s`` [s], undeclare the rest.
+
+        Returns:
+            Whether every computation ended; if not, its caller was told that the worker is gone.
+        """
+        if self._token is not None:
+            self._token.undeclare()
+        gone = UnavailableError(f"{self.address.worker}: the worker is stopping")
+        deadline = time.monotonic() + grace_s
+        with self._lock:
+            self._stopping = True
+            waiting = [job for job in self._jobs if job.begun is None]
+        for job in waiting:
+            self._end(job, gone)
+        while self._jobs and time.monotonic() < deadline:
+            time.sleep(0.01)
+        with self._lock:
+            late = list(self._jobs.items())
+        for job, call in late:
+            call.cancel()
+            self._end(job, gone)
+        for _ in self._threads:
+            with suppress(queue.Full):
+                self._queue.put(None, timeout=0.2)
+        for thread in self._threads:
+            thread.join(timeout=0.5)
+        for queryable in self._queryables:
+            queryable.undeclare()
+        self._board.close()
+        return not any(thread.is_alive() for thread in self._threads)
+
+    def card(self) -> Card:
+        """Return the worker's card with the costs measured so far."""
+        return self._card.model_copy(update={"cost": self._meter.costs()})
+
+    def health(self) -> Health:
+        """Return how the worker is doing."""
+        now = time.monotonic()
+        with self._lock:
+            begun = [job.begun for job in self._jobs if job.begun is not None]
+            return Health(
+                status="stopping" if self._stopping else "ok",
+                queue_length=len(self._jobs) - len(begun),
+                in_progress=len(begun),
+                computing_s=now - min(begun) if begun else None,
+                served=self._served,
+                failed=self._failed,
+                refused=self._refused,
+                uptime_s=now - self._began,
+                cost=self._meter.costs(),
+            )
+
+    def _declare(self, key: str, callback: Callable[[zenoh.Query], None]) -> None:
+        self._queryables.append(self._session.declare_queryable(key, callback, complete=True))
+
+    def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
+        job = Job(query, key)
+        try:
+            known = self._admit(endpoint, job)
+        except FrugalError as error:
+            self._end(job, error)
+        except Exception as error:
+            log.exception("%s: a request could not be prepared", self.address.worker)
+            self._end(job, ModelError(f"{self.address.worker}: the request could not be prepared: {_brief(error)}"))
+        else:
+            if known is not None:
+                self._end(job, known)
+
+    def _admit(self, endpoint: Endpoint, job: Job) -> Reply | None:
+        request = job.read(endpoint.request)
+        job.identity = endpoint.identity(request)
+        known = self._replies.find(job.identity)
+        if known is not None:
+            return known
+        call = Call(request.id, budget_s=job.budget_s(), waiting=self._queue.qsize, publish=self._board.publish)
+        job.compute = partial(endpoint.handler, endpoint.prepare(request), call)
+        with self._lock:
+            if self._stopping:
+                raise UnavailableError(f"{self.address.worker}: the worker is stopping")
+            if endpoint.unique_ids and any(other.id == request.id for other in self._jobs.values()):
+                raise RequestError(f"id: expected one that is not in progress, got {request.id}")
+            self._jobs[job] = call
+            try:
+                self._queue.put_nowait(job)
+            except queue.Full:
+                del self._jobs[job]
+                raise BusyError(f"{self.address.worker}: {self._queue.maxsize} requests are waiting already") from None
+        return None
+
+    def _work(self) -> None:
+        while (job := self._queue.get()) is not None:
+            call = self._jobs.get(job)
+            if call is not None:
+                self._end(job, self._compute(job, call))
+
+    def _compute(self, job: Job, call: Call) -> Reply | FrugalError:
+        known = self._replies.find(job.identity)
+        if known is not None:
+            return known
+        if call.cancelled():
+            return CancelledError("the request was taken back before it was computed")
+        if call.remaining() <= 0:
+            return ExpiredError(f"expected to begin within the budget, got to it {-call.remaining():.3f} s too late")
+        if job.compute is None:
+            raise AssertionError("only admitted jobs are queued")
+        job.begun = time.monotonic()
+        try:
+            reply = job.compute()
+        except FrugalError as error:
+            failure = error
+        except Exception as error:
+            log.exception("%s: request %s failed", self.address.worker, call.id)
+            failure = ModelError(f"{self.address.worker}: {_brief(error)}")
+        else:
+            self._replies.keep(job.identity, reply)
+            return reply
+        if call.has_published:
+            call.publish(Progress(kind="failed", error=ErrorReply.of(failure)))
+        return failure
+
+    def _end(self, job: Job, outcome: Reply | FrugalError) -> None:
+        if isinstance(outcome, FrugalError):
+            first = job.answer(ErrorReply.of(outcome), is_error=True)
+        else:
+            first = job.answer(outcome, is_error=False)
+        with self._lock:
+            call = self._jobs.pop(job, None)
+            if first and isinstance(outcome, Reply):
+                self._served += 1
+            elif first and isinstance(outcome, ModelError):
+                self._failed += 1
+            elif first:
+                self._refused += 1
+        if call is not None:
+            self._board.end(call.id)
+
+    def _cancel(self, query: zenoh.Query) -> None:
+        id = str(query.key_expr).rpartition("/")[2]  # noqa: A001
+        job = Job(query, self.address.key(f"cancel/{id}"))
+        try:
+            check_name("id", id)
+        except RequestError as error:
+            job.answer(ErrorReply.of(error), is_error=True)
+            return
+        with self._lock:
+            found = {job: call for job, call in self._jobs.items() if call.id == id}
+        for waiting, call in found.items():
+            call.cancel()
+            if waiting.begun is None:
+                self._end(waiting, CancelledError("the request was taken back before it was computed"))
+        job.answer(CancelReply(id=id, found=bool(found)), is_error=False)
+
+    def _tell(self, answer: Callable[[], BaseModel], query: zenoh.Query) -> None:
+        leaf = "card" if answer == self.card else "health"
+        Job(query, self.address.key(leaf)).answer(answer(), is_error=False)
+
+    def _tell_metrics(self, query: zenoh.Query) -> None:
+        text = exposition(self.address, self.health())
+        Job(query, self.address.key("metrics")).answer_bytes(text.encode(), ENCODING)
+
+
+def _brief(error: Exception) -> str:
+    text = str(error).partition("\n")[0]
+    return f"{type(error).__name__}: {text[:200]}" if text else type(error).__name__

@@ -1,0 +1,103 @@
+"""One query that waits for its answer: read it, answer it once."""
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Hashable
+
+import zenoh
+from pydantic import BaseModel
+
+from common.domain.errors import RequestError
+from common.wire.call import Call
+from common.wire.codec import MAX_REQUEST_BYTES, Format, Message, decode, encode, form_of
+from common.wire.messages import Reply
+
+log = logging.getLogger(__name__)
+
+
+class Job:
+    """A query, and once it has been admitted, its call and its computation.
+
+    Attributes:
+        key: The concrete key to answer on.
+        form: Format of the request, and therefore of the answer.
+        call: The handler's side of it; None until admitted.
+        compute: Computes the reply.
+        identity: What makes another request the same one.
+        begun: When the computation began, on the monotonic clock [s]; None while it waits.
+    """
+
+    def __init__(self, query: zenoh.Query, key: str) -> None:
+        self.key = key
+        self.form: Format = "json" if query.payload is None else "msgpack"
+        self.call: Call | None = None
+        self.compute: Callable[[], Reply] | None = None
+        self.identity: Hashable | None = None
+        self.begun: float | None = None
+        self._query = query
+        self._ended = False
+        self._lock = threading.Lock()
+
+    def read(self, message: type[Message]) -> Message:
+        """Return the request in the query's payload.
+
+        Raises:
+            RequestError: There is none, it is too large, or it is not that message.
+        """
+        payload, encoding = self._query.payload, str(self._query.encoding or "")
+        if payload is None or len(payload) == 0:
+            raise RequestError(f"expected {message.__name__} as the payload, got none")
+        if len(payload) > MAX_REQUEST_BYTES:
+            raise RequestError(f"expected a payload of at most {MAX_REQUEST_BYTES} bytes, got {len(payload)}")
+        data = payload.to_bytes()
+        self.form = form_of(data, encoding)
+        return decode(data, encoding, message)
+
+    def budget_s(self) -> float:
+        """Return the caller's remaining time from the attachment, infinite without one [s].
+
+        Raises:
+            RequestError: The attachment is not a number as text.
+        """
+        attachment = self._query.attachment
+        if attachment is None or len(attachment) == 0:
+            return math.inf
+        data = attachment.to_bytes()[:40]
+        try:
+            budget_s = float(data)
+        except ValueError:
+            budget_s = math.nan
+        if math.isnan(budget_s):
+            raise RequestError(f"attachment: expected the remaining budget in seconds as text, got {data!r}")
+        return budget_s
+
+    def answer(self, reply: BaseModel, *, is_error: bool) -> bool:
+        """Send the answer and let go of the query; only the first answer counts.
+
+        Returns:
+            Whether this was the first.
+        """
+        payload, encoding = encode(reply, form=self.form)
+        return self.answer_bytes(payload, encoding, is_error=is_error)
+
+    def answer_bytes(self, payload: bytes, encoding: str, *, is_error: bool = False) -> bool:
+        """Send a payload as the answer, as `answer` does."""
+        with self._lock:
+            if self._ended:
+                return False
+            self._ended = True
+            try:
+                with self._query as query:
+                    if is_error:
+                        query.reply_err(payload, encoding=encoding)
+                    else:
+                        query.reply(self.key, payload, encoding=encoding)
+            except zenoh.ZError as error:
+                log.warning("%s: the answer could not be sent: %s", self.key, error)
+            return True
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether it was answered."""
+        return self._ended

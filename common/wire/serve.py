@@ -1,0 +1,160 @@
+"""Predictive models and estimators as workers."""
+
+import time
+from typing import Any
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+
+from common.domain.deviation import DeviationEstimator
+from common.domain.errors import RequestError
+from common.domain.grid import Grid
+from common.domain.model import PredictiveModel
+from common.domain.scene import State
+from common.wire.call import Call
+from common.wire.codec import MAX_REPLY_BYTES
+from common.wire.cost import CostMeter
+from common.wire.endpoint import Endpoint
+from common.wire.host import Host
+from common.wire.messages import (
+    Card,
+    EstimateReply,
+    EstimateRequest,
+    PredictReply,
+    PredictRequest,
+    StateRequest,
+    new_id,
+)
+from common.wire.state import GridMessage
+from common.wire.states import StateCache
+
+Work = tuple[State, NDArray[np.float64]]
+
+
+def host_model(
+    session: zenoh.Session,
+    model: PredictiveModel,
+    *,
+    task: str,
+    instance: str | None = None,
+    weights: str | None = None,
+    device: str = "cpu",
+    grid: Grid | None = None,
+    queue_length: int = 16,
+) -> Host:
+    """Return a worker that predicts with ``model``; one batch is one computation, one at a time.
+
+    Args:
+        session: The session to serve on.
+        model: The model.
+        task: The task whose states it takes.
+        instance: Name of this process, a new one if None.
+        weights: SHA-256 of its weights.
+        device: What it computes on.
+        grid: The only grid that it takes, None: any.
+        queue_length: Requests that may wait; more are answered ``busy``.
+    """
+    meter, name = CostMeter(), instance or new_id()[:8]
+
+    def predict(work: Work, call: Call) -> PredictReply:
+        state, actions = work
+        began = time.perf_counter()
+        predictions = model.predict(state, actions)
+        compute_s = time.perf_counter() - began
+        meter.record(len(actions), compute_s)
+        reply = PredictReply.of(predictions, instance=name, compute_s=compute_s)
+        return reply.model_copy(update={"load": call.waiting()})
+
+    card = Card(
+        task=task,
+        role="model",
+        model=model.name,
+        instance=name,
+        version=model.version,
+        weights=weights,
+        device=device,
+        grid=grid and GridMessage.of(grid),
+        largest_batch=model.largest_batch,
+    )
+    endpoint = Endpoint("predict", PredictRequest, predict, Preparation(card, StateCache()), identity)
+    return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
+
+
+def host_estimator(
+    session: zenoh.Session,
+    estimator: DeviationEstimator,
+    *,
+    task: str,
+    instance: str | None = None,
+    weights: str | None = None,
+    device: str = "cpu",
+    grid: Grid | None = None,
+    queue_length: int = 16,
+) -> Host:
+    """Return a worker that estimates deviations; arguments as in `host_model`."""
+    meter, name = CostMeter(), instance or new_id()[:8]
+
+    def estimate(work: Work, call: Call) -> EstimateReply:
+        state, actions = work
+        began = time.perf_counter()
+        estimates = estimator.estimate(state, actions)
+        compute_s = time.perf_counter() - began
+        meter.record(len(actions), compute_s)
+        reply = EstimateReply.of(
+            estimates, model=estimator.model, version=estimator.version, instance=name, compute_s=compute_s
+        )
+        return reply.model_copy(update={"load": call.waiting()})
+
+    card = Card(
+        task=task,
+        role="mde",
+        model=estimator.model,
+        instance=name,
+        version=estimator.version,
+        weights=weights,
+        device=device,
+        grid=grid and GridMessage.of(grid),
+        largest_batch=estimator.largest_batch,
+    )
+    endpoint = Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)
+    return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
+
+
+class Preparation:
+    """Finds the state that a request names and reads its actions, before it waits in the queue."""
+
+    def __init__(self, card: Card, states: StateCache) -> None:
+        self._card = card
+        self._states = states
+
+    def __call__(self, request: StateRequest) -> Work:
+        """Return state and actions ``(B, n)``.
+
+        Raises:
+            UnknownStateError: The request names a state that is not here.
+            RequestError: State or actions are wrong, or the answer would be too large.
+        """
+        actions = request.actions.values()
+        if actions.ndim != 2 or actions.dtype == np.bool_ or not 1 <= len(actions) <= self._card.largest_batch:
+            raise RequestError(
+                f"actions: expected numbers of shape (B, n) with B from 1 to {self._card.largest_batch}, "
+                f"got {request.actions.dtype} of shape {actions.shape}"
+            )
+        state = self._states.resolve(request.state, request.content)
+        grid = self._card.grid
+        if grid is not None and grid.grid() != state.grid:
+            raise RequestError(f"grid: expected {grid.grid()}, got {state.grid}")
+        if self._card.role == "model" and 4 * len(actions) * state.grid.rows * state.grid.columns > MAX_REPLY_BYTES:
+            raise RequestError(
+                f"actions: expected heightmaps of at most {MAX_REPLY_BYTES} bytes together, "
+                f"got {len(actions)} of {state.grid.rows} x {state.grid.columns} cells"
+            )
+        return state, np.asarray(actions, dtype=np.float64)
+
+
+def identity(request: StateRequest) -> tuple[Any, ...] | None:
+    """Return what makes two requests the same: id, state and actions; None if the state has no name."""
+    if request.state is None:
+        return None
+    return request.id, request.state, request.actions.dtype, request.actions.shape, request.actions.data

@@ -1,0 +1,116 @@
+"""The same system in containers. The tests run in the order of this file: the last one takes it down."""
+
+import hashlib
+import json
+import socket
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.system.containers import ROOT, Containers
+
+pytestmark = pytest.mark.system
+
+MODULES = {
+    "router": {"zenoh"},
+    "heuristic": {"zenoh"},
+    "orchestrator": {"zenoh", "scipy"},
+    "simulator": {"zenoh", "scipy", "warp"},
+}
+"""Service -> those of zenoh, scipy, warp, torch, matplotlib and pytest that its image holds, and no more."""
+FIND_MODULES = """
+import importlib.util, json, os
+names = ["zenoh", "scipy", "warp", "torch", "matplotlib", "pytest"]
+print(json.dumps({"modules": [n for n in names if importlib.util.find_spec(n)], "user": os.getuid()}))
+"""
+
+
+@pytest.fixture(scope="module")
+def containers() -> Iterator[Containers]:
+    """The system as `docker compose up` starts it; whatever an interrupted run left behind is removed first."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    checkout = hashlib.sha256(str(ROOT).encode()).hexdigest()[:8]
+    system = Containers(project=f"frugal-test-{checkout}", port=port)
+    system.remove()
+    try:
+        system.up("--build")
+        yield system
+    finally:
+        system.remove()
+
+
+def optimize(containers: Containers, *options: str) -> Any:
+    """Ask the containers for the best action of a bundled scene, from outside."""
+    scene = min((ROOT / "examples" / "scenes").glob("*.npz"))
+    return containers.frugal("optimize", str(scene), "--seed", "0", *options)
+
+
+def instances(containers: Containers, service: str) -> set[str]:
+    """Return the host names of a service's running containers, which are the names of their workers."""
+    running = [c.id for c in containers.list() if c.service == service and c.state == "running"]
+    return {containers.docker("inspect", "--format", "{{.Config.Hostname}}", name).strip() for name in running}
+
+
+def test_every_service_becomes_healthy(containers: Containers) -> None:
+    listed = containers.list()
+    assert all(container.is_well for container in listed), containers.report()
+    expected = {"router": 1, "heuristic": 1, "orchestrator": 1, "simulator": 2, "warm": 1}
+    assert Counter(container.service for container in listed) == expected
+
+
+@pytest.mark.parametrize("service", MODULES)
+def test_an_image_carries_what_its_service_needs_and_an_ordinary_user(containers: Containers, service: str) -> None:
+    image = containers.compose("images", "--quiet", service).split()[0]
+    found = json.loads(containers.docker("run", "--rm", image, "python", "-c", FIND_MODULES))
+    assert set(found["modules"]) == MODULES[service]
+    assert found["user"] != 0
+
+
+def test_a_query_from_outside_is_answered_with_its_evidence(containers: Containers) -> None:
+    result = optimize(containers, "--evaluations", "20", "--strategy", "only:heuristic")
+    assert result["usage"] == {"heuristic": 20}
+    assert result["evaluations"] == len(result["trials"]) == 20
+    assert {trial["instance"] for trial in result["trials"]} == instances(containers, "heuristic")
+
+
+def test_the_orchestrator_uses_as_many_simulators_as_there_are(containers: Containers) -> None:
+    for replicas in (1, 2):
+        containers.up("--scale", f"simulator={replicas}")
+        live = [worker for worker in containers.frugal("workers") if worker["model"] == "simulator"]
+        result = optimize(containers, "--evaluations", "8", "--in-flight", "4")
+        assert result["usage"] == {"simulator": 8}
+        assert {worker["instance"] for worker in live} == instances(containers, "simulator")
+        assert {trial["instance"] for trial in result["trials"]} == instances(containers, "simulator")
+        assert len(live) == replicas
+
+
+def test_a_worker_that_crashes_is_back_and_serves(containers: Containers) -> None:
+    kill_all_but_init = "import os, signal; os.kill(-1, signal.SIGKILL)"
+    containers.compose("exec", "-T", "heuristic", "python", "-c", kill_all_but_init)
+    containers.up()
+    result = optimize(containers, "--evaluations", "5", "--strategy", "only:heuristic")
+    assert result["usage"] == {"heuristic": 5}
+
+
+def test_every_process_stops_when_asked(containers: Containers) -> None:
+    containers.compose("stop")
+    assert {container.name: container.exit_code for container in containers.list() if container.exit_code} == {}
+
+
+def test_down_leaves_no_container_no_volume_and_no_network(containers: Containers) -> None:
+    containers.compose("down", "--volumes")
+    mine = ("--quiet", "--filter", f"label=com.docker.compose.project={containers.project}")
+    assert containers.docker("ps", "--all", *mine) == ""
+    assert containers.docker("volume", "ls", *mine) == ""
+    assert containers.docker("network", "ls", *mine) == ""
+
+
+def test_the_official_router_is_one_file_away(containers: Containers) -> None:
+    files = ("--file", "docker-compose.yml", "--file", "deploy/compose.eclipse-zenoh.yml")
+    router = json.loads(containers.compose(*files, "config", "--format", "json"))["services"]["router"]
+    assert router["image"].startswith("eclipse/zenoh:")
+    assert "build" not in router
+    assert [volume["source"] for volume in router["volumes"]] == [str(ROOT / "deploy" / "zenoh" / "router.json5")]

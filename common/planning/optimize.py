@@ -1,0 +1,230 @@
+"""The loop: ask for actions, evaluate several at a time, tell their rewards, answer with the best."""
+
+import math
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from threading import Event as Flag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.domain.deviation import DeviationEstimator
+from common.domain.errors import CancelledError, FrugalError, RequestError, TimedOutError, UnavailableError
+from common.domain.model import Event, PredictiveModel
+from common.domain.trial import Result, Trial
+from common.planning.evaluation import Evaluation, Evaluator
+from common.planning.planner import Planner
+from common.planning.problem import Problem
+from common.planning.selection import parse_strategy
+
+MOST_EVALUATIONS = 5000
+MOST_IN_FLIGHT = 64
+HOPELESS = 3
+"""An optimisation whose first evaluations all failed is given up after this many."""
+POLL_S = 0.02
+"""How often a cancellation is looked for [s]."""
+
+
+def optimize(
+    problem: Problem,
+    models: Mapping[str, PredictiveModel],
+    estimators: Mapping[str, DeviationEstimator],
+    *,
+    strategy: str = "threshold",
+    d_max: float = 0.4,
+    evaluations: int = 50,
+    in_flight: int = 1,
+    seed: int = 0,
+    trusted: str | None = None,
+    deadline_s: float | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+    on_trial: Callable[[Trial], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Result:
+    """Find the action with the best predicted reward by GP-UCB.
+
+    Rewards are told to the planner in the order of asking, and action n is asked as soon as the rewards of actions
+    0 to n - ``in_flight`` are known. So the trials depend on the seed and ``in_flight`` alone, not on which answer
+    happened to come first.
+
+    Args:
+        problem: What is to be optimised.
+        models: Models by name, from cheapest to dearest; `PredictiveModel.predict` is called from several threads.
+        estimators: MDEs by the name of their model.
+        strategy: Which model answers which query, see `parse_strategy`.
+        d_max: Deviation below which a model is applicable, scaled to [0, 1].
+        evaluations: Number of actions to evaluate; a failed one counts.
+        in_flight: Largest number of evaluations at the same time.
+        seed: Seed of every random choice.
+        trusted: The model that is always applicable; the task's own if None.
+        deadline_s: Answer with the best action known after this time [s].
+        clock: Seconds since any fixed moment, for time stamps.
+        on_trial: Called with every trial, in the order of asking.
+        cancelled: Whether the caller has lost interest; asked about every 20 ms.
+
+    Raises:
+        RequestError: An option is out of range or unknown, or a model refused the request.
+        UnavailableError: The model that the strategy needs is missing or nobody serves it any more.
+        CancelledError: ``cancelled`` said so.
+        TimedOutError: The deadline came before the first answer.
+        FrugalError: The first three evaluations, or all of them, failed: the last one's error.
+    """
+    _check_options(d_max=d_max, evaluations=evaluations, in_flight=in_flight, seed=seed, deadline_s=deadline_s)
+    chosen = parse_strategy(strategy)
+    trusted = problem.task.trusted if trusted is None else trusted
+    required = chosen.required(trusted)
+    if required not in models:
+        raise UnavailableError(
+            f"strategy {chosen.name}: expected the model {required}, got {', '.join(models) or 'no model'}"
+        )
+    start, stop = clock(), Flag()
+
+    def now() -> float:
+        return clock() - start
+
+    evaluator = Evaluator(
+        problem=problem,
+        models=models,
+        estimators=estimators,
+        strategy=chosen,
+        trusted=trusted,
+        d_max=d_max,
+        seed=seed,
+        now=now,
+        stopped=stop.is_set,
+    )
+    pool = ThreadPoolExecutor(in_flight, thread_name_prefix="evaluation")
+    try:
+        record = _Record(Planner(problem.limits, seed=seed), now=now, on_trial=on_trial)
+        running: deque[tuple[int, NDArray[np.float64], Future[Evaluation]]] = deque()
+        for count in range(evaluations + in_flight):
+            if count >= in_flight and running:
+                index, action, future = running.popleft()
+                if not _finished(future, now=now, deadline_s=deadline_s, cancelled=cancelled):
+                    running.appendleft((index, action, future))
+                    break
+                record.settle(future.result())
+            if count < evaluations:
+                index, action = record.ask()
+                running.append((index, action, pool.submit(evaluator.evaluate, index, action)))
+        for index, action, future in running:
+            record.settle(future.result()) if future.done() else record.abandon(index, action)
+        return record.result(strategy=chosen.name, seed=seed)
+    finally:
+        stop.set()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+class _Record:
+    """What has happened so far."""
+
+    def __init__(self, planner: Planner, *, now: Callable[[], float], on_trial: Callable[[Trial], None] | None) -> None:
+        self._planner = planner
+        self._now = now
+        self._on_trial = on_trial
+        self._trials: list[Trial] = []
+        self._events: list[Event] = []
+        self._split = {"mde": 0.0, "optimiser": 0.0, "transport": 0.0}
+        self._best: tuple[Trial, NDArray[np.float32]] | None = None
+        self._failure: FrugalError | None = None
+
+    def ask(self) -> tuple[int, NDArray[np.float64]]:
+        began = self._now()
+        asked = self._planner.ask()
+        self._split["optimiser"] += self._now() - began
+        return asked
+
+    def settle(self, evaluation: Evaluation) -> None:
+        """Tell the planner and keep the evidence.
+
+        Raises:
+            FrugalError: This was the last of the first few evaluations, and all of them failed.
+        """
+        trial, began = evaluation.trial, self._now()
+        self._planner.tell(trial.index, trial.reward)
+        self._split["optimiser"] += self._now() - began
+        for name, seconds in evaluation.split_s.items():
+            self._split[name] = self._split.get(name, 0.0) + seconds
+        self._events += evaluation.events
+        if trial.reward is None or evaluation.heights is None:
+            self._failure = evaluation.failure
+        elif self._best is None or trial.reward > _reward(self._best[0]):
+            self._best = trial, evaluation.heights
+        self._keep(trial)
+        if self._best is None and self._failure is not None and len(self._trials) == HOPELESS:
+            raise self._failure
+
+    def abandon(self, index: int, action: NDArray[np.float64]) -> None:
+        """Keep an evaluation that nobody waits for any more."""
+        error = "timed_out: not finished at the deadline"
+        self._keep(Trial(index, tuple(action.tolist()), "", "", "", None, error=error, started_s=self._now()))
+
+    def result(self, *, strategy: str, seed: int) -> Result:
+        """Return the answer.
+
+        Raises:
+            FrugalError: There is none.
+        """
+        if self._best is None:
+            raise self._failure or TimedOutError("deadline_s: expected time for one evaluation at least, none finished")
+        best, heights = self._best
+        return Result(
+            action=best.action,
+            reward=_reward(best),
+            heights=heights,
+            trials=tuple(self._trials),
+            usage=dict(Counter(trial.model for trial in self._trials if trial.model)),
+            models={trial.model: trial.version for trial in self._trials if trial.version},
+            split_s=self._split,
+            wall_s=self._now(),
+            events=tuple(sorted(self._events, key=lambda event: event.time)),
+            strategy=strategy,
+            seed=seed,
+        )
+
+    def _keep(self, trial: Trial) -> None:
+        self._trials.append(trial)
+        if self._on_trial is not None:
+            self._on_trial(trial)
+
+
+def _reward(trial: Trial) -> float:
+    return -math.inf if trial.reward is None else trial.reward
+
+
+def _finished(
+    future: Future[Evaluation],
+    *,
+    now: Callable[[], float],
+    deadline_s: float | None,
+    cancelled: Callable[[], bool] | None,
+) -> bool:
+    """Wait for an evaluation; return False if the deadline came first.
+
+    Raises:
+        CancelledError: The caller has lost interest.
+    """
+    while True:
+        if cancelled is not None and cancelled():
+            raise CancelledError("the caller cancelled the optimisation")
+        left = math.inf if deadline_s is None else deadline_s - now()
+        if future.done() and left > 0:
+            return True
+        if left <= 0:
+            return False
+        wait([future], timeout=min(POLL_S, left))
+
+
+def _check_options(*, d_max: float, evaluations: int, in_flight: int, seed: int, deadline_s: float | None) -> None:
+    if not 1 <= evaluations <= MOST_EVALUATIONS:
+        raise RequestError(f"evaluations: expected 1 to {MOST_EVALUATIONS}, got {evaluations}")
+    if not 1 <= in_flight <= MOST_IN_FLIGHT:
+        raise RequestError(f"in_flight: expected 1 to {MOST_IN_FLIGHT}, got {in_flight}")
+    if not 0 <= d_max <= 1:
+        raise RequestError(f"d_max: expected a number from 0 to 1, got {d_max}")
+    if seed < 0:
+        raise RequestError(f"seed: expected 0 or more, got {seed}")
+    if deadline_s is not None and not 0 < deadline_s < math.inf:
+        raise RequestError(f"deadline_s: expected a time above 0, got {deadline_s}")

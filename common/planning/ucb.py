@@ -1,0 +1,78 @@
+"""GP-UCB: where the upper confidence bound of the reward is highest, in the unit cube of 1 to 6 dimensions."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.planning.gp import Float64s
+
+FINEST = 2.5e-4
+"""Actions nearer to an asked one than this share of the range are not asked again."""
+
+
+def quasi_random(count: int, dimensions: int) -> Float64s:
+    """Return the first points of the R-sequence ``(count, dimensions)`` in the unit cube (Roberts, 2018)."""
+    golden = 2.0
+    for _ in range(64):
+        golden = (1 + golden) ** (1 / (dimensions + 1))
+    steps = golden ** -np.arange(1, dimensions + 1)
+    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1
+
+
+@cache
+def spread(dimensions: int) -> Float64s:
+    """Return candidates all over the unit cube ``(G, n)``: a dense grid up to 2-D, quasi-random points above."""
+    if dimensions > 2:
+        return quasi_random(4096, dimensions)
+    return _lattice(1024 if dimensions == 1 else 64, dimensions)
+
+
+@cache
+def offsets(dimensions: int) -> Float64s:
+    """Return candidates around 0 within ``[-1, 1]`` ``(M, n)``."""
+    if dimensions > 2:
+        return 2 * quasi_random(128, dimensions) - 1
+    return 2 * _lattice(33 if dimensions == 1 else 9, dimensions) - 1
+
+
+def _lattice(count: int, dimensions: int) -> Float64s:
+    axes = np.meshgrid(*[np.linspace(0, 1, count)] * dimensions, indexing="ij")
+    return np.stack(axes, axis=-1).reshape(-1, dimensions)
+
+
+def maximise(
+    bound: Callable[[Float64s], Float64s],
+    centres: Float64s,
+    heights: Float64s,
+    *,
+    radii: tuple[float, ...],
+    taken: Float64s,
+) -> Float64s:
+    """Return the point ``(n,)`` where the bound is highest in nested neighbourhoods of several centres.
+
+    Args:
+        bound: Upper confidence bound of points ``(M, n)`` -> ``(M,)``.
+        centres: Where to begin ``(K, n)``.
+        heights: The bound there ``(K,)``, -inf for a centre that must not be returned itself.
+        radii: Half the width of each neighbourhood, decreasing.
+        taken: Points not to be returned again ``(N, n)``.
+    """
+    steps = offsets(centres.shape[1])
+    rows = np.arange(len(centres))
+    for radius in radii:
+        near = np.clip(centres[:, None] + radius * steps, 0, 1)
+        flat = near.reshape(-1, near.shape[-1])
+        bounds = np.where(is_free(flat, taken), bound(flat), -np.inf).reshape(near.shape[:2])
+        peaks = bounds.argmax(axis=1)
+        higher = bounds[rows, peaks] > heights
+        centres = np.where(higher[:, None], near[rows, peaks], centres)
+        heights = np.maximum(heights, bounds[rows, peaks])
+    return centres[int(heights.argmax())]
+
+
+def is_free(points: Float64s, taken: Float64s) -> NDArray[np.bool_]:
+    """Return which points ``(M, n)`` are further than `FINEST` from all of ``taken`` ``(N, n)``."""
+    distances = np.abs(points[:, None] - taken[None]).max(axis=2)
+    return np.asarray(distances.min(axis=1) > FINEST)

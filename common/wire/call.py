@@ -17,13 +17,13 @@ class Call:
 
     def __init__(
         self,
-        id: str,
+        request_id: str,
         *,
         budget_s: float,
         waiting: Callable[[], int],
-        publish: Callable[[Progress], None],  # noqa: A002
+        publish: Callable[[Progress], None],
     ) -> None:
-        self.id = id
+        self.id = request_id
         self._deadline = time.monotonic() + budget_s
         self._taken_back = threading.Event()
         self._waiting = waiting

@@ -219,20 +219,20 @@ class Host:
             self._board.end(call.id)
 
     def _cancel(self, query: zenoh.Query) -> None:
-        id = str(query.key_expr).rpartition("/")[2]  # noqa: A001
-        job = Job(query, self.address.key(f"cancel/{id}"))
+        request_id = str(query.key_expr).rpartition("/")[2]
+        job = Job(query, self.address.key(f"cancel/{request_id}"))
         try:
-            check_name("id", id)
+            check_name("id", request_id)
         except RequestError as error:
             job.answer(ErrorReply.of(error), is_error=True)
             return
         with self._lock:
-            found = {job: call for job, call in self._jobs.items() if call.id == id}
+            found = {job: call for job, call in self._jobs.items() if call.id == request_id}
         for waiting, call in found.items():
             call.cancel()
             if waiting.begun is None:
                 self._end(waiting, CancelledError("the request was taken back before it was computed"))
-        job.answer(CancelReply(id=id, found=bool(found)), is_error=False)
+        job.answer(CancelReply(id=request_id, found=bool(found)), is_error=False)
 
     def _tell(self, answer: Callable[[], BaseModel], query: zenoh.Query) -> None:
         leaf = "card" if answer == self.card else "health"

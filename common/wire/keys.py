@@ -89,7 +89,12 @@ def alias(task: str, leaf: str) -> str:
 
 def every_live(task: str) -> str:
     """Return the key expression of all liveliness tokens of a task (``*``: of every task)."""
-    return f"{ROOT}/{task}/**/live"
+    return every_worker(task, "live")
+
+
+def every_worker(task: str, leaf: str) -> str:
+    """Return the key expression of one endpoint at all workers of a task (``*``: of every task)."""
+    return f"{ROOT}/{task}/**/{leaf}"
 
 
 def every_orchestrator(task: str, leaf: str) -> str:

@@ -61,6 +61,10 @@ class StateRequest(Request):
         message = StateMessage.of(state) if content else None
         return cls(state=state.digest, content=message, actions=Array.of(actions))
 
+    def carrying(self, state: State) -> Self:
+        """Return the same request with the state itself."""
+        return self.model_copy(update={"content": StateMessage.of(state)})
+
 
 class PredictRequest(StateRequest):
     """Asks a model for the outcomes of actions ``(B, n)`` [m] in one state."""
@@ -271,14 +275,14 @@ class OptimizeReply(Reply):
     instance: str
 
     @classmethod
-    def of(cls, result: Result, *, id: str, task: str, instance: str) -> Self:  # noqa: A002
+    def of(cls, result: Result, *, request_id: str, task: str, instance: str) -> Self:
         """Return a result as a message."""
         fields = vars(result) | {
             "heights": Array.of(result.heights),
             "trials": tuple(TrialMessage.of(trial) for trial in result.trials),
             "events": tuple(EventMessage.of(event) for event in result.events),
         }
-        return cls(id=id, task=task, instance=instance, **fields)
+        return cls(id=request_id, task=task, instance=instance, **fields)
 
     def result(self) -> Result:
         """Return the result."""

@@ -2,7 +2,6 @@
 
 import threading
 from collections import OrderedDict
-from typing import Any
 
 import zenoh
 import zenoh.ext
@@ -32,13 +31,13 @@ class ProgressBoard:
         payload, encoding = encode(progress)
         publisher.put(payload, encoding=encoding)
 
-    def end(self, id: str) -> None:  # noqa: A002
+    def end(self, request_id: str) -> None:
         """Note that a request has ended, and forget the one that ended first if there are too many."""
         with self._lock:
-            publisher = self._running.pop(id, None)
+            publisher = self._running.pop(request_id, None)
             if publisher is None:
                 return
-            self._ended[id] = publisher
+            self._ended[request_id] = publisher
             if len(self._ended) > REQUESTS_KEPT:
                 self._ended.popitem(last=False)[1].undeclare()
 
@@ -50,16 +49,16 @@ class ProgressBoard:
             self._running.clear()
             self._ended.clear()
 
-    def _open(self, id: str) -> Any:  # noqa: A002
-        earlier = self._ended.pop(id, None)
+    def _open(self, request_id: str) -> zenoh.ext.AdvancedPublisher:
+        earlier = self._ended.pop(request_id, None)
         if earlier is not None:
             earlier.undeclare()
         publisher = zenoh.ext.declare_advanced_publisher(
             self._session,
-            self._address.key(f"progress/{id}"),
+            self._address.key(f"progress/{request_id}"),
             congestion_control=zenoh.CongestionControl.BLOCK,
             cache=zenoh.ext.CacheConfig(STEPS_KEPT),
             publisher_detection=True,
         )
-        self._running[id] = publisher
+        self._running[request_id] = publisher
         return publisher

@@ -1,0 +1,187 @@
+"""What a person's or a robot's side of the protocol needs: optimise, follow, look around."""
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import zenoh
+import zenoh.ext
+
+from common.domain.errors import RequestError, UnavailableError
+from common.wire.codec import Message, decode
+from common.wire.keys import Address, alias, every_live, every_orchestrator, every_worker, parse_address
+from common.wire.messages import Card, Health, OptimizeReply, OptimizeRequest, Progress
+from common.wire.query import NoReplyError, ask, never
+from common.wire.session import is_connected
+
+LONGEST_S = 24 * 3600.0
+LOOK_S = 1.0
+
+
+@dataclass(frozen=True)
+class WorkerStatus:
+    """A live worker; ``card`` and ``health`` are None if it did not answer in time."""
+
+    address: Address
+    card: Card | None
+    health: Health | None
+
+
+def optimize(
+    session: zenoh.Session,
+    request: OptimizeRequest,
+    *,
+    on_progress: Callable[[Progress], None] | None = None,
+    timeout_s: float | None = None,
+    cancelled: Callable[[], bool] = never,
+) -> OptimizeReply:
+    """Ask any orchestrator of the request's task for the best action.
+
+    If the caller goes, by ``cancelled``, the timeout or an interrupt, the orchestrator is told to stop.
+
+    Args:
+        session: A client session.
+        request: What to optimise.
+        on_progress: Called with every step, in order, on a thread of the session; it must not block.
+        timeout_s: When to give up, None: never [s].
+        cancelled: Whether the answer is still wanted.
+
+    Raises:
+        UnavailableError: No orchestrator serves the task, or it is gone, or a model is missing.
+        RequestError: The request is wrong.
+        TimedOutError, CancelledError, ModelError: As their names say.
+    """
+    key = alias(request.task, "optimize")
+
+    def ask_once() -> OptimizeReply:
+        return ask(session, key, request, OptimizeReply, timeout_s=timeout_s or LONGEST_S, cancelled=cancelled)
+
+    try:
+        if on_progress is None:
+            return ask_once()
+        with follow_progress(session, on_progress, task=request.task, request_id=request.id):
+            return ask_once()
+    except NoReplyError:
+        raise UnavailableError(
+            f"expected an orchestrator behind {key}, got no reply: none is alive, it stopped, or access was denied"
+        ) from None
+    except BaseException:
+        cancel_optimization(session, task=request.task, request_id=request.id)
+        raise
+
+
+def cancel_optimization(session: zenoh.Session, *, task: str, request_id: str) -> None:
+    """Tell every orchestrator of a task that a request is not wanted any more."""
+    session.get(
+        every_orchestrator(task, f"cancel/{request_id}"),
+        zenoh.handlers.Callback(lambda _: None, indirect=False),
+        target=zenoh.QueryTarget.ALL,
+        timeout=1.0,
+    )
+
+
+@contextmanager
+def follow_progress(
+    session: zenoh.Session, on_progress: Callable[[Progress], None], *, task: str = "*", request_id: str = "*"
+) -> Iterator[None]:
+    """Call back with every step of running and lately ended optimisations, those before this call included.
+
+    Steps of one optimisation come once each and in the order of their index.
+    """
+    order = _Order(on_progress)
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        session,
+        every_orchestrator(task, f"progress/{request_id}"),
+        order,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+    )
+    try:
+        yield
+    finally:
+        subscriber.undeclare()
+
+
+class _Order:
+    """Puts the steps of each optimisation into the order of their index, and drops the ones seen already."""
+
+    def __init__(self, on_progress: Callable[[Progress], None]) -> None:
+        self._on_progress = on_progress
+        self._next: dict[str, int] = {}
+        self._early: dict[tuple[str, int], Progress] = {}
+
+    def __call__(self, sample: zenoh.Sample) -> None:
+        try:
+            progress = decode(sample.payload.to_bytes(), str(sample.encoding), Progress)
+        except RequestError:
+            return
+        key = str(sample.key_expr)
+        self._early[key, progress.index] = progress
+        due = self._next.get(key, 0)
+        while (ready := self._early.pop((key, due), None)) is not None:
+            due += 1
+            self._on_progress(ready)
+        self._next[key] = due
+
+
+def list_workers(session: zenoh.Session, *, task: str = "*", timeout_s: float = LOOK_S) -> tuple[WorkerStatus, ...]:
+    """Return every live worker with its card and health, in the order of their addresses.
+
+    Raises:
+        UnavailableError: The session has no router.
+    """
+    if not is_connected(session):
+        raise UnavailableError("expected a router, got none: the session has lost it")
+    gathered = _Gathered()
+    session.liveliness().get(every_live(task), gathered.handler(), timeout=timeout_s)
+    for leaf in ("card", "health"):
+        session.get(
+            every_worker(task, leaf),
+            gathered.handler(),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+        )
+    found = gathered.by_worker(time.monotonic() + timeout_s)
+    return tuple(
+        WorkerStatus(address, _read(leaves.get("card"), Card), _read(leaves.get("health"), Health))
+        for address, leaves in sorted(found.items(), key=lambda item: item[0].prefix)
+        if "live" in leaves
+    )
+
+
+class _Gathered:
+    """The replies of several queries, by worker and leaf of the key."""
+
+    def __init__(self) -> None:
+        self._replies: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()
+        self._open = 0
+
+    def handler(self) -> zenoh.handlers.Callback[zenoh.Reply]:
+        self._open += 1
+        return zenoh.handlers.Callback(self._replies.put, lambda: self._replies.put(None), indirect=False)
+
+    def by_worker(self, deadline: float) -> dict[Address, dict[str, zenoh.Sample]]:
+        found: dict[Address, dict[str, zenoh.Sample]] = {}
+        while self._open:
+            try:
+                reply = self._replies.get(timeout=max(0.0, deadline - time.monotonic()))
+            except queue.Empty:
+                break
+            if reply is None:
+                self._open -= 1
+            elif reply.ok is not None:
+                with suppress(RequestError):
+                    address, leaf = parse_address(str(reply.ok.key_expr))
+                    found.setdefault(address, {})[leaf] = reply.ok
+        return found
+
+
+def _read(sample: zenoh.Sample | None, message: type[Message]) -> Message | None:
+    if sample is None:
+        return None
+    try:
+        return decode(sample.payload.to_bytes(), str(sample.encoding), message)
+    except RequestError:
+        return None

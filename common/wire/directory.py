@@ -1,0 +1,248 @@
+"""Who is alive: follows liveliness tokens, keeps cards, and chooses the least loaded worker."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import zenoh
+
+from common.domain.errors import FrugalError, RequestError, UnavailableError
+from common.domain.model import Event
+from common.wire.codec import decode
+from common.wire.cost import CostMeter
+from common.wire.keys import Address, Role, every_live, parse_address
+from common.wire.messages import Card, Health
+from common.wire.query import ask
+from common.wire.session import is_connected
+
+SUSPECT_S = 10.0
+LOAD_IS_FRESH_S = 1.0
+CARD_TIMEOUT_S = 1.0
+PROBE_TIMEOUT_S = 1.0
+STATES_REMEMBERED = 64
+
+
+@dataclass(frozen=True)
+class Worker:
+    """A live worker as its observer sees it.
+
+    Attributes:
+        address: Where it is.
+        card: What it said about itself; None until it answered.
+        is_suspect: Whether it failed lately and is asked only if nobody else is there.
+        in_flight: Calls of this process that wait for it.
+    """
+
+    address: Address
+    card: Card | None
+    is_suspect: bool
+    in_flight: int
+
+
+@dataclass
+class _Entry:
+    address: Address
+    card: Card | None = None
+    asked_card: float = -1e9
+    in_flight: int = 0
+    calls: int = 0
+    load: int = 0
+    load_seen: float = -1e9
+    suspect_until: float = -1e9
+    states: OrderedDict[str, None] = field(default_factory=OrderedDict)
+
+
+class Directory:
+    """The live workers of one task. Safe to use from several threads."""
+
+    def __init__(self, session: zenoh.Session, *, task: str) -> None:
+        self.session = session
+        self.task = task
+        self._entries: dict[Address, _Entry] = {}
+        self._meters: dict[tuple[Role, str | None], CostMeter] = {}
+        self._callbacks: list[Callable[[Event], None]] = []
+        self._changed = threading.Condition(threading.RLock())
+        self._subscriber = session.liveliness().declare_subscriber(every_live(task), self._on_token, history=True)
+
+    def close(self) -> None:
+        """Stop following."""
+        self._subscriber.undeclare()
+
+    def on_change(self, callback: Callable[[Event], None]) -> None:
+        """Call back with an event ``joined`` or ``left`` for every worker that comes or goes; it must not block."""
+        with self._changed:
+            self._callbacks.append(callback)
+
+    def workers(self, role: Role | None = None, model: str | None = None) -> tuple[Worker, ...]:
+        """Return the live workers, all or those of one role or model, in the order of their addresses."""
+        now = time.monotonic()
+        with self._changed:
+            found = [
+                Worker(entry.address, entry.card, entry.suspect_until > now, entry.in_flight)
+                for entry in self._entries.values()
+                if role in (None, entry.address.role) and model in (None, entry.address.model)
+            ]
+        return tuple(sorted(found, key=lambda worker: worker.address.prefix))
+
+    def wait_for(
+        self, role: Role, model: str | None = None, *, count: int = 1, timeout_s: float = 2.0
+    ) -> tuple[Worker, ...]:
+        """Return the live workers of a role once ``count`` of them have shown their cards.
+
+        Raises:
+            UnavailableError: Fewer came in time; the text names what is missing.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            with self._changed:
+                found = tuple(worker for worker in self.workers(role, model) if worker.card is not None)
+                if len(found) >= count:
+                    return found
+                self._fetch_missing_cards()
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    break
+                self._changed.wait(min(left, 0.1))
+        raise UnavailableError(f"expected {count} live {describe(role, model)} of {self.task}, got {len(found)}")
+
+    def wait_for_change(self, timeout_s: float) -> None:
+        """Wait until a worker comes, goes or shows its card, or the time is over [s]."""
+        with self._changed:
+            self._changed.wait(timeout_s)
+
+    def choose(self, role: Role, model: str | None, *, exclude: Collection[Address] = ()) -> Address | None:
+        """Return the least loaded live worker that is not excluded, a suspect only if there is no other."""
+        now = time.monotonic()
+        with self._changed:
+            found = [
+                entry
+                for entry in self._entries.values()
+                if (entry.address.role, entry.address.model) == (role, model) and entry.address not in exclude
+            ]
+            best = min(found, key=lambda entry: _rank(entry, now), default=None)
+            return best and best.address
+
+    @contextmanager
+    def calling(self, address: Address) -> Iterator[None]:
+        """Count a call to a worker while it is under way."""
+        with self._changed:
+            entry = self._entries.get(address)
+            if entry is not None:
+                entry.in_flight += 1
+                entry.calls += 1
+        try:
+            yield
+        finally:
+            if entry is not None:
+                with self._changed:
+                    entry.in_flight -= 1
+
+    def holds(self, address: Address, digest: str) -> bool:
+        """Return whether a worker was sent this state."""
+        with self._changed:
+            entry = self._entries.get(address)
+            return entry is not None and digest in entry.states
+
+    def record(self, address: Address, *, digest: str, batch: int, compute_s: float, load: int) -> None:
+        """Note a good answer: the worker holds the state, is no suspect, took that long and has so many waiting."""
+        with self._changed:
+            self._meters.setdefault((address.role, address.model), CostMeter()).record(batch, compute_s)
+            entry = self._entries.get(address)
+            if entry is None:
+                return
+            entry.suspect_until = -1e9
+            entry.load, entry.load_seen = load, time.monotonic()
+            entry.states[digest] = None
+            entry.states.move_to_end(digest)
+            if len(entry.states) > STATES_REMEMBERED:
+                entry.states.popitem(last=False)
+
+    def suspect(self, address: Address) -> None:
+        """Avoid a worker for `SUSPECT_S`, unless nobody else is there."""
+        with self._changed:
+            entry = self._entries.get(address)
+            if entry is not None:
+                entry.suspect_until = time.monotonic() + SUSPECT_S
+
+    def probe(self, address: Address) -> bool:
+        """Return whether a worker still answers its health key; one that does not becomes a suspect."""
+        try:
+            ask(self.session, address.key("health"), None, Health, timeout_s=PROBE_TIMEOUT_S)
+        except FrugalError:
+            self.suspect(address)
+            return False
+        return True
+
+    def cost_s(self, role: Role, model: str | None, *, batch: int = 1) -> float | None:
+        """Return the median time of a computation, measured here, else what the workers' cards say [s]."""
+        with self._changed:
+            meter = self._meters.get((role, model))
+            own = meter and meter.median_s(batch)
+            if own is not None:
+                return own
+            told = [
+                cost.p50_s
+                for worker in self.workers(role, model)
+                if worker.card is not None
+                for cost in worker.card.cost
+                if cost.batch == batch
+            ]
+        return min(told, default=None)
+
+    def is_partitioned(self) -> bool:
+        """Return whether this process has lost its router, so that silence says nothing about the workers."""
+        return not is_connected(self.session)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        try:
+            address, _ = parse_address(str(sample.key_expr))
+        except RequestError:
+            return
+        with self._changed:
+            is_new = address not in self._entries
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._entries.setdefault(address, _Entry(address))
+                event = Event("joined", address.worker, f"{describe(address.role, address.model)} is alive")
+                self._fetch_missing_cards()
+            else:
+                self._entries.pop(address, None)
+                event = Event("left", address.worker, f"{describe(address.role, address.model)} is gone")
+            callbacks = tuple(self._callbacks) if is_new or event.kind == "left" else ()
+            self._changed.notify_all()
+        for callback in callbacks:
+            callback(event)
+
+    def _fetch_missing_cards(self) -> None:
+        now = time.monotonic()
+        for entry in self._entries.values():
+            if entry.card is None and now - entry.asked_card > CARD_TIMEOUT_S:
+                entry.asked_card = now
+                with_callback = zenoh.handlers.Callback(self._on_card, indirect=True)
+                self.session.get(entry.address.key("card"), with_callback, timeout=CARD_TIMEOUT_S)
+
+    def _on_card(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            return
+        try:
+            address, _ = parse_address(str(reply.ok.key_expr))
+            card = decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Card)
+        except RequestError:
+            return
+        with self._changed:
+            entry = self._entries.get(address)
+            if entry is not None:
+                entry.card = card
+                self._changed.notify_all()
+
+
+def describe(role: Role, model: str | None) -> str:
+    """Return what a worker is called in messages."""
+    return {"model": f"model {model}", "mde": f"MDE of {model}", "orchestrator": "orchestrator"}[role]
+
+
+def _rank(entry: _Entry, now: float) -> tuple[bool, int, int, str]:
+    load = entry.load if now - entry.load_seen < LOAD_IS_FRESH_S else 0
+    return entry.suspect_until > now, max(entry.in_flight, load), entry.calls, entry.address.instance

@@ -69,7 +69,7 @@ def make_request(path: Path) -> dict:
 
 def main() -> int:
     """Send the request, print the answer."""
-    default = Path(__file__).parent / "scenes" / "heap-soft.npz"
+    default = Path(__file__).parent / "scenes" / "01-steak-heap.npz"
     request = make_request(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

@@ -30,7 +30,7 @@ class Endpoint:
         prepare: Turns the request into what the handler takes, before the queue, so that its errors are told at once.
             It has to be quick.
         identity: What makes two requests the same, so that a retry gets the first answer again; None: always compute.
-        alias: Another key that it answers on, shared with other workers.
+        alias: Another key that it answers on, shared with other workers; one with ``*`` answers on the key asked.
         unique_ids: Whether an id that is still in progress is refused.
     """
 

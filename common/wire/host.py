@@ -138,7 +138,8 @@ class Host:
         self._queryables.append(self._session.declare_queryable(key, callback, complete=True))
 
     def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
-        job = Job(query, key)
+        asked = str(query.key_expr)
+        job = Job(query, asked if "*" in key and "*" not in asked else key)
         try:
             known = self._admit(endpoint, job)
         except FrugalError as error:

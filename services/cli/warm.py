@@ -4,6 +4,8 @@ import time
 
 import click
 
+from services.cli.asking import say
+
 
 @click.command()
 def warm() -> None:
@@ -11,9 +13,14 @@ def warm() -> None:
 
     The cache's folder can be set with the environment variable WARP_CACHE_PATH.
     """
+    compile_kernels()
+
+
+def compile_kernels() -> None:
+    """Compile or load all kernels and say how long it took."""
     from services.simulator.model import warm as warm_kernels
 
     start = time.perf_counter()
-    click.echo("compiling the simulator's kernels (about 15 s the first time)", err=True)
+    say("loading the simulator's kernels (compiled the first time, about 15 s)")
     warm_kernels()
-    click.echo(f"kernels ready after {time.perf_counter() - start:.1f} s")
+    say(f"kernels ready after {time.perf_counter() - start:.1f} s")

@@ -1,0 +1,123 @@
+"""``frugal serve``: one process of the system."""
+
+import importlib.util
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import click
+
+from common.domain.errors import RequestError
+from common.domain.model import PredictiveModel
+from common.tasks import TASKS
+from common.wire.settings import WireSettings
+
+INSTANCE = click.option(
+    "--instance", envvar="FRUGAL_INSTANCE", default=lambda: own_instance(), help="Name of this process in the keys."
+)
+TASK = click.option("--task", type=click.Choice(list(TASKS)), default="plating", show_default=True)
+
+
+def own_instance() -> str:
+    """Return a name for this process that no other has: host name and process number."""
+    host = "".join(letter for letter in socket.gethostname() if letter.isalnum() or letter == "-")[:40]
+    return f"{host or 'host'}-{os.getpid()}"
+
+
+@click.group()
+@click.option("--until-eof", is_flag=True, help="Stop when standard input ends, as it does when the parent dies.")
+@click.option("--log-level", type=click.Choice(["debug", "info", "warning"]), default="info", show_default=True)
+def serve(*, until_eof: bool, log_level: str) -> None:
+    """Run one process of the system until SIGTERM or SIGINT.
+
+    The router listens at FRUGAL_LISTEN; all others connect to FRUGAL_CONNECT (default: tcp/127.0.0.1:7447) and wait
+    until the router is there.
+    """
+    logging.basicConfig(level=log_level.upper(), format="%(asctime)s %(process)d %(name)s: %(message)s")
+    if until_eof:
+        threading.Thread(target=_stop_at_eof, daemon=True).start()
+
+
+@serve.command()
+def router() -> None:
+    """Route between all other processes."""
+    from common.wire.router import run_router
+
+    sys.exit(run_router(WireSettings()))
+
+
+@serve.command()
+@INSTANCE
+@TASK
+def heuristic(*, instance: str, task: str) -> None:
+    """Serve the heuristic model."""
+    from services.heuristic import HeuristicModel
+
+    _serve_model(HeuristicModel(), instance=instance, task=task)
+
+
+@serve.command()
+@INSTANCE
+@TASK
+def simulator(*, instance: str, task: str) -> None:
+    """Serve the simulator; its kernels are compiled before it joins."""
+    from services.simulator.model import SimulatorModel, warm
+
+    warm()
+    _serve_model(SimulatorModel(), instance=instance, task=task)
+
+
+@serve.command()
+@click.argument("where", metavar="FILE.py:CLASS")
+@INSTANCE
+@TASK
+def model(*, where: str, instance: str, task: str) -> None:
+    """Serve a model of your own: a class in a file, a PredictiveModel that needs no arguments."""
+    _serve_model(load_model(where), instance=instance, task=task)
+
+
+@serve.command()
+@INSTANCE
+@TASK
+def orchestrator(*, instance: str, task: str) -> None:
+    """Answer ``optimize`` queries."""
+    from services.orchestrator import OrchestratorSettings, run_orchestrator
+
+    sys.exit(run_orchestrator(WireSettings(), OrchestratorSettings(), task=TASKS[task], instance=instance))
+
+
+def load_model(where: str) -> PredictiveModel:
+    """Return an instance of a class in a file, ``path/to/file.py:Class``.
+
+    Raises:
+        RequestError: There is no such file or class, or it is no `PredictiveModel`.
+    """
+    path, _, name = where.rpartition(":")
+    if not name or not Path(path).is_file():
+        raise RequestError(f"expected FILE.py:CLASS with an existing file, got {where!r}")
+    spec = importlib.util.spec_from_file_location("served_model", path)
+    if spec is None or spec.loader is None:
+        raise RequestError(f"expected a Python file, got {path}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = getattr(module, name, None)
+    if not (isinstance(found, type) and issubclass(found, PredictiveModel)):
+        raise RequestError(f"expected a subclass of PredictiveModel named {name} in {path}, got {found!r}")
+    return found()
+
+
+def _serve_model(served: PredictiveModel, *, instance: str, task: str) -> None:
+    from common.wire.run import run_host
+    from common.wire.serve import host_model
+
+    sys.exit(run_host(lambda session: host_model(session, served, task=task, instance=instance), WireSettings()))
+
+
+def _stop_at_eof() -> None:
+    while sys.stdin.buffer.read(4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -1,0 +1,75 @@
+"""``frugal up``: the whole system on one machine."""
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from common.domain.errors import UnavailableError
+from common.wire.client import list_workers
+from common.wire.session import open_session, stop_on_signals
+from common.wire.settings import WireSettings
+from services.cli.asking import say
+from services.cli.processes import Crew
+
+READY_S = 90.0
+
+
+@click.command()
+@click.option("--simulators", type=click.IntRange(1, 64), default=2, show_default=True, help="Simulator workers.")
+@click.option(
+    "--logs", type=click.Path(path_type=Path), help="Folder for one log a process; else all on this terminal."
+)
+def up(*, simulators: int, logs: Path | None) -> None:
+    """Start router, heuristic, simulators and orchestrator, and keep them running until interrupted.
+
+    The router listens at FRUGAL_LISTEN (default tcp/127.0.0.1:7447). A process that ends is restarted.
+    """
+    stop = stop_on_signals()
+    settings = WireSettings()
+    with Crew(environment=os.environ | {"FRUGAL_CONNECT": ",".join(settings.listen)}, log_folder=logs) as crew:
+        expected = start_system(crew, simulators=simulators)
+        wait_until_ready(crew, settings.model_copy(update={"connect": settings.listen}), expected, stopped=stop.is_set)
+        say("ready; stop with Ctrl-C")
+        while not stop.wait(0.5):
+            for news in crew.mend():
+                say(news)
+        say("stopping")
+
+
+def start_system(crew: Crew, *, simulators: int) -> Counter[str]:
+    """Start every process and return how many workers of each name will be there."""
+    crew.start("router", "router")
+    crew.start("heuristic", "heuristic", "--instance", "heuristic-1")
+    for number in range(1, simulators + 1):
+        crew.start(f"simulator-{number}", "simulator", "--instance", f"simulator-{number}")
+    crew.start("orchestrator", "orchestrator", "--instance", "orchestrator-1")
+    return Counter({"heuristic": 1, "simulator": simulators, "orchestrator": 1})
+
+
+def wait_until_ready(
+    crew: Crew, settings: WireSettings, expected: Counter[str], *, stopped: Callable[[], bool]
+) -> None:
+    """Wait until all expected workers are alive; the first time, that includes compiling the simulator's kernels.
+
+    Raises:
+        UnavailableError: A process ended, or not all were there after `READY_S`.
+    """
+    deadline = time.monotonic() + READY_S
+    missing = expected
+    with open_session(settings, wait_s=20.0) as session:
+        while not stopped():
+            live = Counter(status.address.model or status.address.role for status in list_workers(session))
+            missing = expected - live
+            if not missing:
+                return
+            if ended := crew.ended():
+                raise UnavailableError(
+                    f"expected all processes to start, got an end of {', '.join(ended)}: see its log"
+                )
+            if time.monotonic() > deadline:
+                raise UnavailableError(f"expected all workers within {READY_S:g} s, still missing {dict(missing)}")
+            time.sleep(0.2)

@@ -1,0 +1,57 @@
+"""``frugal workers`` and ``frugal health``: who is there."""
+
+import json
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from common.wire.client import WorkerStatus, list_workers
+from common.wire.session import open_session
+from common.wire.settings import WireSettings
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Cards and health as JSON.")
+def workers(*, as_json: bool) -> None:
+    """List the live workers with their cards, health and measured cost."""
+    with open_session(WireSettings()) as session:
+        found = list_workers(session)
+    if as_json:
+        click.echo(json.dumps([describe(status) for status in found], indent=2))
+    else:
+        Console().print(table(found))
+
+
+def describe(status: WorkerStatus) -> dict[str, object]:
+    """Return a worker as plain values."""
+    address = status.address
+    return {
+        "task": address.task,
+        "role": address.role,
+        "model": address.model,
+        "instance": address.instance,
+        "card": status.card and status.card.model_dump(mode="json"),
+        "health": status.health and status.health.model_dump(mode="json"),
+    }
+
+
+def table(found: tuple[WorkerStatus, ...]) -> Table:
+    """Return a table of workers for a terminal."""
+    drawn = Table("task", "worker", "version", "device", "state", "waiting", "served", "failed", "cost")
+    for status in found:
+        card, health = status.card, status.health
+        cost = "" if health is None else ", ".join(f"{1e3 * c.p50_s:.3g} ms / {c.batch}" for c in health.cost[:2])
+        doing = "no answer" if health is None else "computing" if health.in_progress else health.status
+        drawn.add_row(
+            status.address.task,
+            status.address.worker,
+            card.version if card else "?",
+            card.device if card else "?",
+            doing,
+            str(health.queue_length) if health else "",
+            str(health.served) if health else "",
+            str(health.failed) if health else "",
+            cost,
+        )
+    return drawn

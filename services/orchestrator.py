@@ -1,0 +1,223 @@
+"""The orchestrator: answers ``optimize`` queries by running the loop over whoever is alive."""
+
+import math
+import queue
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from common.domain.errors import RequestError, UnavailableError
+from common.domain.model import Event
+from common.domain.task import Task
+from common.domain.trial import Result, Trial
+from common.planning.optimize import optimize
+from common.planning.problem import Problem
+from common.planning.selection import parse_strategy
+from common.wire.call import Call
+from common.wire.directory import Directory
+from common.wire.dispatch import Limits
+from common.wire.endpoint import Endpoint
+from common.wire.host import Host
+from common.wire.keys import alias
+from common.wire.messages import Card, EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.remote import RemoteEstimator, RemoteModel
+from common.wire.run import run_host
+from common.wire.session import Session
+from common.wire.settings import WireSettings
+
+Remote = TypeVar("Remote", RemoteModel, RemoteEstimator)
+
+VERSION = "1"
+ANSWER_MARGIN_S = 0.2
+"""Kept back of a caller's budget, so that the answer is there in time [s]."""
+
+
+class OrchestratorSettings(BaseSettings):
+    """Settings of the orchestrator, from ``FRUGAL_ORCHESTRATOR_...`` environment variables.
+
+    Attributes:
+        requests: Optimisations at the same time; further ones wait.
+        queue_length: Optimisations that may wait; further ones are answered ``busy``.
+        predict_timeout_s: Longest time for one prediction [s].
+        estimate_timeout_s: Longest time for one estimate [s].
+        patience_s: How long to wait for a missing model before saying so [s].
+    """
+
+    model_config = SettingsConfigDict(env_prefix="FRUGAL_ORCHESTRATOR_", frozen=True)
+
+    requests: int = Field(default=4, ge=1, le=64)
+    queue_length: int = Field(default=16, ge=1, le=1024)
+    predict_timeout_s: float = Field(default=30.0, gt=0)
+    estimate_timeout_s: float = Field(default=5.0, gt=0)
+    patience_s: float = Field(default=1.0, ge=0, le=60)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A request that was found to be right, and what it means."""
+
+    request: OptimizeRequest
+    problem: Problem
+
+
+class Orchestrator:
+    """Runs optimisations of one task over the workers of a directory; safe to call from several threads."""
+
+    def __init__(self, task: Task, directory: Directory, settings: OrchestratorSettings, *, instance: str) -> None:
+        self._task = task
+        self._directory = directory
+        self._settings = settings
+        self._instance = instance
+        self._listeners: set[queue.SimpleQueue[Event]] = set()
+        directory.on_change(self._spread)
+
+    def endpoint(self) -> Endpoint:
+        """Return the endpoint ``optimize``, which answers on the alias of every task to say which one it serves."""
+        return Endpoint(
+            leaf="optimize",
+            request=OptimizeRequest,
+            handler=self.handle,
+            prepare=self.prepare,
+            alias=alias("*", "optimize"),
+            unique_ids=True,
+        )
+
+    def prepare(self, request: OptimizeRequest) -> Job:
+        """Return what a request asks for.
+
+        Raises:
+            RequestError: It names another task or an unknown strategy, or state, target and bounds do not fit together.
+        """
+        if request.task != self._task.name:
+            raise RequestError(f"task: expected {self._task.name}, got {request.task!r}")
+        parse_strategy(request.strategy)
+        bounds = None if request.bounds is None else np.array(request.bounds)
+        return Job(request, Problem(self._task, request.state.state(), request.target.values(), bounds))
+
+    def handle(self, job: Job, call: Call) -> OptimizeReply:
+        """Run one optimisation, publishing its steps.
+
+        Raises:
+            UnavailableError: A model that the strategy needs has no live worker.
+            CancelledError: The caller took the request back.
+            TimedOutError: The budget ended before the first answer.
+        """
+        began, request = time.monotonic(), job.request
+        news: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        seen: list[Event] = []
+
+        def publish(**fields: object) -> None:
+            call.publish(Progress.model_validate({"time": time.monotonic() - began, **fields}))
+
+        def interrupted() -> bool:
+            while not news.empty():
+                event = replace(news.get(), time=time.monotonic() - began)
+                seen.append(event)
+                publish(kind="event", event=EventMessage.of(event))
+            return call.cancelled()
+
+        def on_trial(trial: Trial) -> None:
+            publish(kind="trial", trial=TrialMessage.of(trial))
+
+        publish(kind="accepted", strategy=request.strategy, evaluations=request.evaluations)
+        self._listeners.add(news)
+        try:
+            result = self._run(job, call, on_trial=on_trial, interrupted=interrupted)
+        finally:
+            self._listeners.discard(news)
+        result = replace(result, events=tuple(sorted((*result.events, *seen), key=lambda event: event.time)))
+        publish(kind="finished", action=result.action, reward=result.reward)
+        return OptimizeReply.of(result, request_id=request.id, task=self._task.name, instance=self._instance)
+
+    def _run(
+        self,
+        job: Job,
+        call: Call,
+        *,
+        on_trial: Callable[[Trial], None],
+        interrupted: Callable[[], bool],
+    ) -> Result:
+        request, problem = job.request, job.problem
+        trusted = request.trusted or self._task.trusted
+        required = parse_strategy(request.strategy).required(trusted)
+        self._directory.wait_for("model", required, timeout_s=self._settings.patience_s)
+        limits = Limits(timeout_s=self._settings.predict_timeout_s, cancelled=call.cancelled)
+        quick = replace(limits, timeout_s=self._settings.estimate_timeout_s)
+        models = self._models(problem, limits)
+        if required not in models:
+            raise RequestError(f"grid: expected one that {required} takes, got {problem.state.grid}")
+        return optimize(
+            problem,
+            models,
+            self._estimators(problem, quick),
+            strategy=request.strategy,
+            d_max=request.d_max,
+            evaluations=request.evaluations,
+            in_flight=request.in_flight,
+            seed=request.seed,
+            trusted=trusted,
+            deadline_s=_deadline_s(request, call),
+            on_trial=on_trial,
+            cancelled=interrupted,
+        )
+
+    def _models(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteModel]:
+        """Return the models that take the problem's grid, from cheapest to dearest by measured cost."""
+        names = self._fitting("model", problem)
+        costs = {name: self._directory.cost_s("model", name) for name in names}
+        ordered = sorted(names, key=lambda name: (math.inf if (cost := costs[name]) is None else cost, name))
+        return _reachable(ordered, partial(RemoteModel, self._directory, limits=limits))
+
+    def _estimators(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteEstimator]:
+        names = sorted(self._fitting("mde", problem))
+        return _reachable(names, partial(RemoteEstimator, self._directory, limits=limits))
+
+    def _fitting(self, role: str, problem: Problem) -> set[str]:
+        return {
+            worker.address.model
+            for worker in self._directory.workers()
+            if worker.address.role == role
+            and worker.address.model is not None
+            and worker.card is not None
+            and (worker.card.grid is None or worker.card.grid.grid() == problem.state.grid)
+        }
+
+    def _spread(self, event: Event) -> None:
+        for listener in tuple(self._listeners):
+            listener.put(event)
+
+
+def run_orchestrator(settings: WireSettings, own: OrchestratorSettings, *, task: Task, instance: str) -> int:
+    """Serve ``optimize`` until SIGTERM or SIGINT and return the process's exit code."""
+
+    def build(session: Session) -> Host:
+        orchestrator = Orchestrator(task, Directory(session, task=task.name), own, instance=instance)
+        card = Card(task=task.name, role="orchestrator", model=None, instance=instance, version=VERSION)
+        endpoints = [orchestrator.endpoint()]
+        return Host(session, card, endpoints, threads=own.requests, queue_length=own.queue_length)
+
+    return run_host(build, settings)
+
+
+def _deadline_s(request: OptimizeRequest, call: Call) -> float | None:
+    """Return when to answer with what is known, from the request and from the caller's budget [s]."""
+    left = call.remaining() - ANSWER_MARGIN_S
+    deadline_s = min(math.inf if request.deadline_s is None else request.deadline_s, left)
+    return None if math.isinf(deadline_s) else max(deadline_s, 1e-3)
+
+
+def _reachable(names: Sequence[str], make: Callable[[str], Remote]) -> dict[str, Remote]:
+    """Return what can be made of the names; one whose last worker has just gone is left out."""
+    found: dict[str, Remote] = {}
+    for name in names:
+        try:
+            found[name] = make(name)
+        except UnavailableError:
+            continue
+    return found

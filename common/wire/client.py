@@ -158,7 +158,7 @@ class _Gathered:
         self._replies: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()
         self._open = 0
 
-    def handler(self) -> zenoh.handlers.Callback[zenoh.Reply]:
+    def handler(self) -> "zenoh.handlers.Callback[zenoh.Reply]":
         self._open += 1
         return zenoh.handlers.Callback(self._replies.put, lambda: self._replies.put(None), indirect=False)
 

@@ -88,7 +88,7 @@ class Directory:
         return tuple(sorted(found, key=lambda worker: worker.address.prefix))
 
     def wait_for(
-        self, role: Role, model: str | None = None, *, count: int = 1, timeout_s: float = 2.0
+        self, role: Role, model: str | None = None, *, count: int = 1, timeout_s: float = 1.5
     ) -> tuple[Worker, ...]:
         """Return the live workers of a role once ``count`` of them have shown their cards.
 

@@ -56,8 +56,9 @@ class Address:
 
     @property
     def worker(self) -> str:
-        """Its short name in events and messages: ``<model>/<instance>``."""
-        return f"{self.model or self.role}/{self.instance}"
+        """Its short name in events: ``<model>/<instance>``, ``mde/<model>/<instance>``, ``orchestrator/<instance>``."""
+        parts = (self.model,) if self.role == "model" else (self.role, self.model)
+        return "/".join(part for part in (*parts, self.instance) if part)
 
     def key(self, leaf: str) -> str:
         """Return the key of an endpoint, ``predict`` or ``cancel/<id>`` for instance."""

@@ -1,0 +1,134 @@
+"""One small message of every kind, for the recorded examples of the public contract."""
+
+import numpy as np
+from pydantic import BaseModel
+
+from common.domain.bodies import Bodies, Box, Material, Plate
+from common.domain.grid import Grid
+from common.domain.scene import Item, Scene, State
+from common.wire.array import Array
+from common.wire.messages import (
+    CancelReply,
+    Card,
+    Cost,
+    ErrorReply,
+    EstimateReply,
+    EstimateRequest,
+    EventMessage,
+    Health,
+    OptimizeReply,
+    OptimizeRequest,
+    PredictReply,
+    PredictRequest,
+    Progress,
+    TrialMessage,
+)
+from common.wire.state import GridMessage, StateMessage
+
+GRID = Grid(4, 6, 0.01)
+
+
+def example_state() -> State:
+    """Return a state of 4 x 6 cells with a known plate and one known fry."""
+    heights = np.zeros(GRID.shape, dtype=np.float32)
+    heights[1, 1:4] = 0.012
+    item = np.zeros(GRID.shape, dtype=np.float32)
+    item[1:3, 2:4] = 0.015
+    scene_materials, item_materials = np.zeros((2, 3, *GRID.shape), dtype=np.float32)
+    scene_materials[:, heights > 0] = np.array([[600.0], [2e6], [0.3]])
+    item_materials[:, item > 0] = np.array([[1050.0], [1e5], [0.45]])
+    fry = Box(
+        np.array([0.03, 0.012, 0.012]),
+        np.array([-0.005, -0.005, 0.006]),
+        np.array([0.0, 0.0, 0.0, 1.0]),
+        Material(600.0, 2e6, 0.3),
+    )
+    plate = Plate(np.array([0.0, 0.08, 0.12]), np.array([0.0, 0.0, 0.02]))
+    return State(Scene(GRID, heights, scene_materials, Bodies(plate, (fry,))), Item(item, item_materials))
+
+
+def example_messages() -> tuple[BaseModel, ...]:
+    """Return one message of every kind that travels by itself."""
+    state = example_state()
+    content, actions = StateMessage.of(state), Array.of(np.array([[0.01, -0.005], [0.0, 0.0]]))
+    outcome = state.scene.heights + state.item.heights
+    estimates = np.array([0.12, 0.55])
+    trial = TrialMessage(
+        index=0,
+        action=(0.01, -0.005),
+        model="simulator",
+        instance="a1b2",
+        version="1",
+        reward=-0.0004,
+        estimates={"heuristic": 0.55},
+        warning="not_settled: 4 mm/s",
+        started_s=0.01,
+        predict_s=0.52,
+        compute_s=0.5,
+    )
+    event = EventMessage(kind="no_reply", worker="simulator/c3d4", detail="no reply: its process stopped", time=1.5)
+    cost = (Cost(batch=1, p50_s=0.5, count=12),)
+    return (
+        PredictRequest(id="request-1", state=state.digest, content=content, actions=actions),
+        PredictReply(
+            heights=Array.of(np.stack([outcome, outcome])),
+            warnings=("", "not_settled: 4 mm/s"),
+            model="simulator",
+            version="1",
+            instance="a1b2",
+            compute_s=0.5,
+        ),
+        EstimateRequest(id="request-2", state=state.digest, actions=actions),
+        EstimateReply(
+            mean=Array.of(estimates),
+            upper=Array.of(np.minimum(1.5 * estimates, 1.0)),
+            familiar=Array.of(np.array([True, False])),
+            model="heuristic",
+            version="1",
+            instance="e5f6",
+            compute_s=0.004,
+        ),
+        OptimizeRequest(id="request-3", state=content, target=Array.of(outcome), bounds=((-0.02, 0.02), (-0.01, 0.01))),
+        OptimizeReply(
+            id="request-3",
+            task="plating",
+            action=(0.01, -0.005),
+            reward=-0.0004,
+            heights=Array.of(outcome),
+            trials=(trial,),
+            usage={"simulator": 1},
+            models={"simulator": "1"},
+            split_s={"simulator": 0.5, "mde": 0.004, "optimiser": 0.003, "transport": 0.002},
+            wall_s=0.53,
+            events=(event,),
+            strategy="threshold",
+            seed=0,
+            instance="0a0b",
+        ),
+        Progress(kind="trial", id="request-3", index=1, time=0.53, trial=trial),
+        Card(
+            task="plating",
+            role="model",
+            model="simulator",
+            instance="a1b2",
+            version="1",
+            weights="0" * 64,
+            device="cpu",
+            grid=GridMessage.of(GRID),
+            largest_batch=64,
+            cost=cost,
+        ),
+        Health(
+            status="ok",
+            queue_length=1,
+            in_progress=1,
+            computing_s=0.25,
+            served=12,
+            failed=1,
+            refused=2,
+            uptime_s=60.0,
+            cost=cost,
+        ),
+        CancelReply(id="request-3", found=True),
+        ErrorReply(code="request", message="evaluations: expected greater than or equal to 1, got 0"),
+    )

@@ -1,0 +1,50 @@
+"""The public contract as files: JSON Schemas of all messages, and recorded examples.
+
+``python -m common.wire.schemas`` rewrites the schemas. ``--record`` also records examples of messages that have none
+yet; those that exist are never rewritten, because old messages have to stay readable.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from common.wire.codec import encode
+from common.wire.examples import example_messages
+from common.wire.messages import MESSAGES
+
+FOLDER = Path(__file__).parents[2] / "proto_schemas"
+REFRESH = "python -m common.wire.schemas"
+
+
+def schemas() -> dict[str, str]:
+    """Return the text of every schema file by its name."""
+    return {
+        f"{name}.json": json.dumps(message.model_json_schema(), indent=2, sort_keys=True) + "\n"
+        for name, message in MESSAGES.items()
+    }
+
+
+def write_schemas(folder: Path) -> None:
+    """Write every schema, and remove those of messages that are gone."""
+    texts = schemas()
+    for path in folder.glob("*.json"):
+        if path.name not in texts:
+            path.unlink()
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+
+
+def record_examples(folder: Path) -> None:
+    """Write one example of every message that has none, as MessagePack and as JSON."""
+    folder.mkdir(exist_ok=True)
+    for message in example_messages():
+        path = folder / f"{type(message).__name__}.msgpack"
+        if not path.exists():
+            path.write_bytes(encode(message)[0])
+            path.with_suffix(".json").write_bytes(encode(message, form="json")[0] + b"\n")
+
+
+if __name__ == "__main__":
+    write_schemas(FOLDER)
+    if "--record" in sys.argv[1:]:
+        record_examples(FOLDER / "examples")

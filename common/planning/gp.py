@@ -128,7 +128,7 @@ class GaussianProcess:
         else:
             correlations = matern52(self.points, points, self._scales[scale : scale + 1])[0]
             whitened = self._inverse[scale, : self._size, : self._size] @ correlations
-            explained = (whitened**2).sum(axis=0)
+            explained = np.einsum("nm,nm->m", whitened, whitened)
         residuals = fit.residuals[scale]
         mean = fit.mean[scale] + residuals @ whitened[: len(residuals)]
         return mean, np.sqrt(fit.variance[scale] * np.maximum(1 - explained, 0))

@@ -49,6 +49,9 @@ def optimize(
     0 to n - ``in_flight`` are known. So the trials depend on the seed and ``in_flight`` alone, not on which answer
     happened to come first.
 
+    An outcome with a warning, for instance ``not_settled``, counts like any other: its reward is the best that is
+    known of the action, and the warning stays with the trial.
+
     Args:
         problem: What is to be optimised.
         models: Models by name, from cheapest to dearest; `PredictiveModel.predict` is called from several threads.
@@ -100,7 +103,7 @@ def optimize(
         record = _Record(Planner(problem.limits, seed=seed), now=now, on_trial=on_trial)
         running: deque[tuple[int, NDArray[np.float64], Future[Evaluation]]] = deque()
         for count in range(evaluations + in_flight):
-            if count >= in_flight and running:
+            if count >= in_flight:
                 index, action, future = running.popleft()
                 if not _finished(future, now=now, deadline_s=deadline_s, cancelled=cancelled):
                     running.appendleft((index, action, future))
@@ -110,7 +113,10 @@ def optimize(
                 index, action = record.ask()
                 running.append((index, action, pool.submit(evaluator.evaluate, index, action)))
         for index, action, future in running:
-            record.settle(future.result()) if future.done() else record.abandon(index, action)
+            if future.done() and future.exception() is None:
+                record.settle(future.result())
+            else:
+                record.abandon(index, action)
         return record.result(strategy=chosen.name, seed=seed)
     finally:
         stop.set()

@@ -74,5 +74,7 @@ def maximise(
 
 def is_free(points: Float64s, taken: Float64s) -> NDArray[np.bool_]:
     """Return which points ``(M, n)`` are further than `FINEST` from all of ``taken`` ``(N, n)``."""
-    distances = np.abs(points[:, None] - taken[None]).max(axis=2)
-    return np.asarray(distances.min(axis=1) > FINEST)
+    near = np.ones((len(points), len(taken)), dtype=bool)
+    for column, taken_column in zip(points.T, taken.T, strict=True):
+        near &= np.abs(column[:, None] - taken_column) <= FINEST
+    return np.logical_not(np.logical_or.reduce(near, axis=1))

@@ -97,7 +97,6 @@ class Box:
         if abs(norm - 1) > 1e-3:
             raise RequestError(f"box: expected a unit quaternion, got one of length {norm:g}")
         if abs(norm - 1) > 1e-12:  # a unit quaternion keeps its bits, and so its state's digest, on every hop
-            if abs(norm - 1) > 1e-12:  # dividing what is normalised already would change the last bit, and so the digest
             object.__setattr__(self, "orientation", self.orientation / norm)
 
     @property

@@ -84,8 +84,8 @@ def parse_address(key: str) -> tuple[Address, str]:
 
 
 def alias(task: str, leaf: str) -> str:
-    """Return the key that reaches any orchestrator of a task, ``frugal/@v1/<task>/optimize`` for instance."""
-    return f"{ROOT}/{check_name('task', task)}/{leaf}"
+    """Return the key that reaches any orchestrator of a task (``*``: of every task), ``.../<task>/optimize``."""
+    return f"{ROOT}/{task if task == '*' else check_name('task', task)}/{leaf}"
 
 
 def every_live(task: str) -> str:

@@ -35,11 +35,11 @@ def run_host(
         session = open_session(settings, wait_s=None, stop=stop)
     except CancelledError:
         return 0
-    host = build(session)
-    host.start()
-    stop.wait()
-    is_done = host.stop(grace_s=settings.grace_s)
-    session.close()
+    with session:
+        host = build(session)
+        host.start()
+        stop.wait()
+        is_done = host.stop(grace_s=settings.grace_s)
     if not is_done:
         log.warning("a computation did not end within %g s and was abandoned", settings.grace_s)
         logging.shutdown()

@@ -84,7 +84,8 @@ def loop_ms() -> float:
     """Return the median time of one evaluation in `optimize` around 50 points that is not the model's [ms]."""
     grid = Grid()
     inside = np.hypot(grid.x[None, :] / 0.03, grid.y[:, None] / 0.04) < 1
-    item = Item(0.015 * np.float32(inside), np.float32([1000, 3e4, 0.4])[:, None, None] * inside)
+    materials = np.array([1000.0, 3e4, 0.4])[:, None, None] * inside
+    item = Item((0.015 * inside).astype(np.float32), materials.astype(np.float32))
     state = State(Scene(grid, np.zeros(grid.shape, np.float32), np.zeros((3, *grid.shape), np.float32)), item)
     model: PredictiveModel = HeuristicModel()
     target = model.predict(state, PEAK[None]).heights[0]

@@ -1,0 +1,59 @@
+"""What the simulator may be told: resolution, time steps, contact."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Resolution, integrator and contact of one simulation.
+
+    Attributes:
+        cell: Wanted edge of a hexahedron in the plane [m].
+        layers: Hexahedra through the thickness.
+        samples: Contact samples along each edge of a cell's bottom face.
+        box_spacing: Largest distance between the contact samples on a box's edges [m].
+        normal_stiffness: Contact stiffness per area of the item's surface [Pa/m].
+        point_stiffness: Contact stiffness of one sample of a rigid body [N/m].
+        friction: Coefficient of friction [-].
+        stick_ratio: Tangential over normal contact stiffness [-].
+        first_step: Time step while things move [s].
+        longest_step: Time step at rest [s].
+        shortest_step: Time step below which a step is taken as it is [s].
+        iterations: Most Newton iterations a step.
+        keep_fast: Share of the velocity that a step keeps while things move [-].
+        keep_slow: The same once they are slow [-].
+        slow: Speed below which they are slow [m/s].
+        tray_speed: Speed at which the tray lowers the item [m/s].
+        rest_displacement: Displacement in one step below which everything is at rest [m].
+        longest_time: Simulated time after which the item counts as not settled [s].
+        stiffest: Young's modulus to which stiff parts of a soft item are capped [Pa]: beyond it they no longer
+            deform visibly, and the factorisation in single precision loses digits.
+    """
+
+    cell: float = 0.012
+    layers: int = 3
+    samples: int = 6
+    box_spacing: float = 0.0018
+    normal_stiffness: float = 4e8
+    point_stiffness: float = 1e4
+    friction: float = 0.5
+    stick_ratio: float = 0.7
+    first_step: float = 0.010
+    longest_step: float = 0.030
+    shortest_step: float = 0.00125
+    iterations: int = 4
+    keep_fast: float = 0.9
+    keep_slow: float = 0.5
+    slow: float = 0.02
+    tray_speed: float = 0.2
+    rest_displacement: float = 5e-6
+    longest_time: float = 3.0
+    stiffest: float = 1e7
+
+
+LEVELS: dict[str, Settings] = {
+    "coarse": Settings(cell=0.022, layers=2, samples=10),
+    "default": Settings(),
+    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.005, longest_step=0.015),
+}
+"""Named resolutions, cheapest first."""

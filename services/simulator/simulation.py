@@ -1,0 +1,339 @@
+"""Worlds on a device: build their arrays, run them to rest, read them back."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from common.domain.bodies import Box, Plate
+from services.simulator import contact, elements, memory, stepping
+from services.simulator.arrays import DONE, ENDED, FIRST_BOX, Laws, Rigid, Solid, System, Worlds
+from services.simulator.bodies import Body, patch_spheres
+from services.simulator.device import upload
+from services.simulator.mesh import Mesh
+from services.simulator.samples import Samples
+from services.simulator.settings import Settings
+from services.simulator.stiffness import centre_gradients, hexahedron_stiffness
+from services.simulator.surfaces import upload_plate
+from services.simulator.system import PANEL, solve_newton
+
+LANES = 8
+"""Entries to which rows of the system are padded."""
+
+NO_TRAY = -1e3
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended, one entry a world.
+
+    Attributes:
+        nodes: Positions of the soft item's nodes ``(W, N, 3)`` [m].
+        positions: Centres of the rigid bodies ``(W, M, 3)`` [m].
+        orientations: Their quaternions, scalar last ``(W, M, 4)``.
+        speed: Largest speed in the last step ``(W,)`` [m/s].
+        settled: Whether everything is at rest ``(W,)``.
+        time: Simulated time ``(W,)`` [s].
+        ticks: Evaluations of the forces.
+    """
+
+    nodes: NDArray[np.float32]
+    positions: NDArray[np.float32]
+    orientations: NDArray[np.float32]
+    speed: NDArray[np.float32]
+    settled: NDArray[np.bool_]
+    time: NDArray[np.float32]
+    ticks: int
+
+
+class Simulation:
+    """Any number of worlds that share one item, one plate and one set of boxes.
+
+    Worlds differ in where the item starts. All memory is allocated here, `run` only launches kernels.
+    """
+
+    def __init__(
+        self,
+        *,
+        plate: Plate,
+        mesh: Mesh | None,
+        samples: Samples | None,
+        bodies: Sequence[Body],
+        rigid_item: bool = False,
+        worlds: int = 1,
+        settings: Settings,
+        device: str = "cpu",
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+        pinned: NDArray[np.bool_] | None = None,
+        undamped: bool = False,
+    ) -> None:
+        self.device = device
+        self.count = worlds
+        self.nodes = len(mesh.positions) if mesh else 0
+        self.bodies = len(bodies)
+        self.plate = upload_plate(plate, device)
+        self.laws = _laws(settings, gravity, undamped)
+        self.solid = _solid(mesh, samples, pinned, device)
+        self.rigid = _rigid(bodies, rigid_item, len(mesh.cells) if mesh else 0, device)
+        self.worlds = self._allocate(len(mesh.cells) if mesh else 0, len(samples.points) if samples else 0)
+        self.system = self._allocate_system(mesh)
+        self._launches = self._record(
+            len(mesh.cells) if mesh else 0,
+            len(samples.points) if samples else 0,
+            sum(len(body.samples.points) for body in bodies),
+            self.rigid.patch_body.shape[0] if bodies else 0,
+        )
+
+    def place(
+        self,
+        nodes: NDArray[np.float64],
+        positions: NDArray[np.float64],
+        orientations: NDArray[np.float64],
+        *,
+        tray: NDArray[np.float64] | None = None,
+        item_velocity: float = 0.0,
+    ) -> None:
+        """Start all worlds anew.
+
+        Args:
+            nodes: ``(W, N, 3)`` [m].
+            positions: Centres of the bodies ``(W, M, 3)`` [m].
+            orientations: ``(W, M, 4)``.
+            tray: Height of the tray in each world ``(W,)`` [m]; without it there is none.
+            item_velocity: Vertical velocity of the item [m/s].
+        """
+        worlds = self.worlds
+        for array in (worlds.x0, worlds.xb, worlds.x):
+            if self.nodes:
+                array.assign(nodes.astype(np.float32))
+        for array in (worlds.p0, worlds.pb, worlds.p):
+            if self.bodies:
+                array.assign(positions.astype(np.float32))
+        for array in (worlds.q0, worlds.qb, worlds.q):
+            if self.bodies:
+                array.assign(orientations.astype(np.float32))
+        for name in ("v", "f", "d", "pv", "qv", "pf", "qf", "pd", "qd", "near", "was_near", "time", "calm", "moved"):
+            getattr(worlds, name).zero_()
+        for name in ("anchor", "grip", "body_anchor", "iteration", "trials", "tray_load", "converged"):
+            getattr(worlds, name).zero_()
+        if self.nodes:
+            worlds.v.fill_(wp.vec3(0.0, 0.0, item_velocity))
+        elif self.rigid.first_box:
+            velocities = np.zeros((self.count, self.bodies, 3), dtype=np.float32)
+            velocities[:, 0, 2] = item_velocity
+            worlds.pv.assign(velocities)
+        worlds.dt.fill_(self.laws.first_step)
+        worlds.fresh.fill_(1)
+        worlds.tray_on.fill_(int(tray is not None))
+        worlds.tray.assign(np.full(self.count, NO_TRAY) if tray is None else tray.astype(np.float32))
+        worlds.phase.fill_(int(ENDED))
+
+    def run(self, *, check: Callable[[], None] | None = None) -> Outcome:
+        """Advance all worlds until each is at rest or out of time.
+
+        Args:
+            check: Called now and then; what it raises ends the run (a cancelled request, say).
+        """
+        ticks = 0
+        while True:
+            for launch in self._launches:
+                launch.launch()
+            ticks += 1
+            if (self.worlds.phase.numpy() == int(DONE)).all():
+                break
+            if check is not None and ticks % 16 == 0:
+                check()
+        return self.read(ticks)
+
+    def read(self, ticks: int = 0) -> Outcome:
+        """Return copies of where everything is."""
+        worlds = self.worlds
+        return Outcome(
+            nodes=worlds.x0.numpy()[:, : self.nodes].copy(),
+            positions=worlds.p0.numpy()[:, : self.bodies].copy(),
+            orientations=worlds.q0.numpy()[:, : self.bodies].copy(),
+            speed=worlds.speed.numpy().copy(),
+            settled=worlds.calm.numpy() >= 2,
+            time=worlds.time.numpy().copy(),
+            ticks=ticks,
+        )
+
+    def _allocate(self, cells: int, samples: int) -> Worlds:
+        count, device = self.count, self.device
+        nodes, bodies = max(self.nodes, 1), max(self.bodies, 1)
+        points = self.rigid.point.shape[0]
+        obstacles = int(FIRST_BOX) + self.rigid.boxes
+        worlds = Worlds()
+        for name in ("x0", "xb", "x", "v", "f", "d"):
+            setattr(worlds, name, wp.zeros((count, nodes), dtype=wp.vec3, device=device))
+        for name in ("p0", "pb", "p", "pv", "qv", "pf", "qf", "pd", "qd"):
+            setattr(worlds, name, wp.zeros((count, bodies), dtype=wp.vec3, device=device))
+        for name in ("q0", "qb", "q"):
+            setattr(worlds, name, wp.zeros((count, bodies), dtype=wp.quat, device=device))
+        worlds.turn = wp.zeros((count, max(cells, 1)), dtype=wp.mat33, device=device)
+        patches = cells + self.rigid.patch_body.shape[0]
+        for name in ("near", "was_near"):
+            setattr(worlds, name, wp.zeros((count, patches), dtype=int, device=device))
+        worlds.anchor = wp.zeros((count, max(samples, 1), obstacles), dtype=wp.vec3, device=device)
+        for name in ("grip", "body_anchor"):
+            setattr(worlds, name, wp.zeros((count, points, obstacles), dtype=wp.vec3, device=device))
+        for name in ("phase", "iteration", "trials", "converged", "calm", "fresh", "tray_on"):
+            setattr(worlds, name, wp.zeros(count, dtype=int, device=device))
+        for name in ("alpha", "slope", "longest", "dt", "time", "keep", "moved", "speed", "tray", "tray_load"):
+            setattr(worlds, name, wp.zeros(count, dtype=float, device=device))
+        return worlds
+
+    def _allocate_system(self, mesh: Mesh | None) -> System:
+        system = System()
+        unknowns = 6 * self.bodies
+        width = 0
+        if mesh is not None:
+            width = 3 * int((mesh.cells.max(axis=1) - mesh.cells.min(axis=1)).max()) + 3
+        system.nodes = self.nodes
+        system.band = _padded(width + PANEL)
+        system.row = system.band + _padded(1 + unknowns)
+        shape = (self.count, max(3 * self.nodes * system.row, 1))
+        system.bordered = wp.zeros(shape, dtype=float, device=self.device)
+        edge = max(unknowns, 6)
+        system.corner = wp.zeros((self.count, edge, edge), dtype=float, device=self.device)
+        system.corner_load = wp.zeros((self.count, edge), dtype=float, device=self.device)
+        return system
+
+    def _record(self, cells: int, samples: int, points: int, patches: int) -> list[Any]:
+        """Record one tick: end steps, evaluate forces, judge, find new directions, move to trial points."""
+        laws, plate, solid, rigid, worlds, system = (
+            self.laws,
+            self.plate,
+            self.solid,
+            self.rigid,
+            self.worlds,
+            self.system,
+        )
+        nodes, bodies = self.nodes, self.bodies
+        tick = (
+            (memory.find_near_soft, cells, (solid, rigid, worlds)),
+            (memory.find_near_rigid, patches, (rigid, worlds)),
+            (memory.remember_soft, samples, (laws, plate, solid, rigid, worlds)),
+            (memory.remember_rigid, points, (laws, plate, rigid, worlds)),
+            (stepping.next_step, None, (laws, worlds)),
+            (stepping.begin_nodes, nodes, (laws, solid, worlds)),
+            (stepping.begin_bodies, bodies, (laws, rigid, worlds)),
+            (elements.add_elastic_forces, cells, (solid, worlds)),
+            (contact.touch_soft, samples, (laws, plate, solid, rigid, worlds, system, False)),
+            (contact.touch_rigid, points, (laws, plate, rigid, worlds, system, False)),
+            (stepping.judge, None, (laws, rigid, worlds)),
+            (stepping.accept_nodes, nodes, (worlds,)),
+            (stepping.accept_bodies, bodies, (worlds,)),
+            (stepping.begin_system, nodes, (solid, worlds, system)),
+            (stepping.begin_corner, bodies, (rigid, worlds, system)),
+            (elements.add_elastic_tangent, cells, (solid, worlds, system)),
+            (contact.touch_soft, samples, (laws, plate, solid, rigid, worlds, system, True)),
+            (contact.touch_rigid, points, (laws, plate, rigid, worlds, system, True)),
+            (solve_newton, None, (rigid, worlds, system)),
+            (stepping.aim, None, (rigid, worlds)),
+            (stepping.try_nodes, nodes, (worlds,)),
+            (stepping.try_bodies, bodies, (worlds,)),
+        )
+        return [
+            wp.launch(
+                kernel,
+                dim=self.count if size is None else (self.count, size),
+                inputs=list(inputs),
+                device=self.device,
+                record_cmd=True,
+            )
+            for kernel, size, inputs in tick
+            if size is None or size > 0
+        ]
+
+
+def _padded(entries: int) -> int:
+    return -(-entries // LANES) * LANES
+
+
+def _laws(settings: Settings, gravity: tuple[float, float, float], undamped: bool) -> Laws:
+    laws = Laws()
+    laws.friction = settings.friction
+    laws.stick_ratio = settings.stick_ratio
+    laws.gravity = wp.vec3(*gravity)
+    laws.keep_fast = 1.0 if undamped else settings.keep_fast
+    laws.keep_slow = 1.0 if undamped else settings.keep_slow
+    laws.slow = settings.slow
+    laws.first_step = settings.first_step
+    laws.longest_step = settings.first_step if undamped else settings.longest_step
+    laws.shortest_step = settings.shortest_step
+    laws.iterations = settings.iterations
+    laws.tray_speed = settings.tray_speed
+    laws.rest_displacement = settings.rest_displacement
+    laws.longest_time = settings.longest_time
+    laws.stops_at_rest = 0 if undamped else 1
+    return laws
+
+
+def _solid(mesh: Mesh | None, samples: Samples | None, pinned: NDArray[np.bool_] | None, device: str) -> Solid:
+    solid = Solid()
+    if mesh is None or samples is None:
+        for name, dtype, ndim in (
+            ("cells", int, 2),
+            ("rest", wp.vec3, 2),
+            ("gradient", wp.vec3, 2),
+            ("stiffness", wp.mat33, 2),
+            ("mass", float, 1),
+            ("pinned", float, 1),
+            ("patch", int, 1),
+            ("kind", int, 1),
+            ("normal_stiffness", float, 1),
+            ("corners", int, 1),
+            ("weights", float, 2),
+        ):
+            setattr(solid, name, wp.zeros((1,) * ndim, dtype=dtype, device=device))
+        return solid
+    corners = mesh.corners
+    stiffness = hexahedron_stiffness(corners, mesh.materials[1] * mesh.fill, mesh.materials[2])
+    blocks = stiffness.reshape(-1, 8, 3, 8, 3).transpose(0, 1, 3, 2, 4).reshape(-1, 64, 3, 3)
+    patch, weights = mesh.embed(samples.points)
+    solid.cells = upload(mesh.cells, int, device)
+    solid.rest = upload(corners - corners[:, :1], wp.vec3, device)
+    solid.gradient = upload(centre_gradients(corners), wp.vec3, device)
+    solid.stiffness = upload(blocks, wp.mat33, device)
+    solid.mass = upload(mesh.masses, float, device)
+    solid.pinned = upload(np.zeros(len(mesh.positions)) if pinned is None else pinned.astype(float), float, device)
+    solid.patch = upload(patch, int, device)
+    solid.kind = upload(samples.kind, int, device)
+    solid.normal_stiffness = upload(samples.stiffness, float, device)
+    solid.corners = upload(np.where((weights[:, 4:] == 0).all(axis=1), 4, 8), int, device)
+    solid.weights = upload(weights, float, device)
+    return solid
+
+
+def _rigid(bodies: Sequence[Body], rigid_item: bool, first_patch: int, device: str) -> Rigid:
+    rigid = Rigid()
+    rigid.bodies = len(bodies)
+    rigid.first_box = int(rigid_item)
+    rigid.boxes = len(bodies) - int(rigid_item)
+    rigid.first_patch = first_patch
+    owner, centre, radius = patch_spheres(bodies)
+    patches = np.cumsum([0, *(int(body.samples.patch.max()) + 1 for body in bodies)])
+    samples = [body.samples for body in bodies]
+
+    def joined(values: list[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(values) if values else np.zeros(0)
+
+    rigid.mass = upload(np.array([body.mass for body in bodies]), float, device)
+    rigid.inertia = upload(np.array([body.inertia for body in bodies]).reshape(-1, 3, 3), wp.mat33, device)
+    rigid.core = upload(np.array([body.core for body in bodies]).reshape(-1, 3), wp.vec3, device)
+    rigid.reach = upload(np.array([body.reach for body in bodies]), float, device)
+    rigid.body = upload(joined([np.full(len(part.points), index) for index, part in enumerate(samples)]), int, device)
+    rigid.point = upload(joined([part.points for part in samples]).reshape(-1, 3), wp.vec3, device)
+    rigid.radius = upload(joined([part.radius for part in samples]), float, device)
+    rigid.kind = upload(joined([part.kind for part in samples]), int, device)
+    rigid.normal_stiffness = upload(joined([part.stiffness for part in samples]), float, device)
+    numbered = [part.patch + first_patch + start for part, start in zip(samples, patches, strict=False)]
+    rigid.patch = upload(joined(numbered), int, device)
+    rigid.patch_body = upload(owner, int, device)
+    rigid.patch_centre = upload(centre, wp.vec3, device)
+    rigid.patch_radius = upload(radius, float, device)
+    return rigid

@@ -4,7 +4,6 @@ import importlib.util
 import logging
 import os
 import signal
-import socket
 import sys
 import threading
 from pathlib import Path
@@ -15,17 +14,12 @@ from common.domain.errors import RequestError
 from common.domain.model import PredictiveModel
 from common.tasks import TASKS
 from common.wire.settings import WireSettings
+from services.cli.instance import own_instance
 
 INSTANCE = click.option(
-    "--instance", envvar="FRUGAL_INSTANCE", default=lambda: own_instance(), help="Name of this process in the keys."
+    "--instance", envvar="FRUGAL_INSTANCE", default=own_instance, help="Name of this process in the keys."
 )
 TASK = click.option("--task", type=click.Choice(list(TASKS)), default="plating", show_default=True)
-
-
-def own_instance() -> str:
-    """Return a name for this process that no other has: host name and process number."""
-    host = "".join(letter for letter in socket.gethostname() if letter.isalnum() or letter == "-")[:40]
-    return f"{host or 'host'}-{os.getpid()}"
 
 
 @click.group()

@@ -3,13 +3,14 @@
 import hashlib
 import json
 import socket
+import time
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-
-from tests.system.containers import ROOT, Containers
+from containers import ROOT, Containers
 
 pytestmark = pytest.mark.system
 
@@ -42,16 +43,22 @@ def containers() -> Iterator[Containers]:
         system.remove()
 
 
-def optimize(containers: Containers, *options: str) -> Any:
-    """Ask the containers for the best action of a bundled scene, from outside."""
+def optimize(containers: Containers, out: Path, *options: str) -> tuple[Any, list[Any]]:
+    """Ask the containers for the best action of a bundled scene, from outside, and return result and trials."""
     scene = min((ROOT / "examples" / "scenes").glob("*.npz"))
-    return containers.frugal("optimize", str(scene), "--seed", "0", *options)
+    result = containers.frugal("optimize", str(scene), "--seed", "0", "--out", str(out), *options)
+    return result, [json.loads(line) for line in (out / "trials.jsonl").read_text().splitlines()]
 
 
-def instances(containers: Containers, service: str) -> set[str]:
-    """Return the host names of a service's running containers, which are the names of their workers."""
-    running = [c.id for c in containers.list() if c.service == service and c.state == "running"]
-    return {containers.docker("inspect", "--format", "{{.Config.Hostname}}", name).strip() for name in running}
+def hosts(workers: list[Any]) -> set[str]:
+    """Return the host names in the instances' names of workers or trials, ``<host>-<process number>``."""
+    return {worker["instance"].rpartition("-")[0] for worker in workers}
+
+
+def running(containers: Containers, service: str) -> set[str]:
+    """Return the host names of a service's running containers, the first part of their workers' names."""
+    found = [c.id for c in containers.list() if c.service == service and c.state == "running"]
+    return {containers.docker("inspect", "--format", "{{.Config.Hostname}}", name).strip() for name in found}
 
 
 def test_every_service_becomes_healthy(containers: Containers) -> None:
@@ -69,29 +76,36 @@ def test_an_image_carries_what_its_service_needs_and_an_ordinary_user(containers
     assert found["user"] != 0
 
 
-def test_a_query_from_outside_is_answered_with_its_evidence(containers: Containers) -> None:
-    result = optimize(containers, "--evaluations", "20", "--strategy", "only:heuristic")
+def test_a_query_from_outside_is_answered_with_its_evidence(containers: Containers, tmp_path: Path) -> None:
+    result, trials = optimize(containers, tmp_path, "--evaluations", "20", "--strategy", "only:heuristic")
     assert result["usage"] == {"heuristic": 20}
-    assert result["evaluations"] == len(result["trials"]) == 20
-    assert {trial["instance"] for trial in result["trials"]} == instances(containers, "heuristic")
+    assert result["evaluations"] == len(trials) == 20
+    assert result["reward"] == max(trial["reward"] for trial in trials)
+    assert hosts(trials) == running(containers, "heuristic")
 
 
-def test_the_orchestrator_uses_as_many_simulators_as_there_are(containers: Containers) -> None:
-    for replicas in (1, 2):
-        containers.up("--scale", f"simulator={replicas}")
-        live = [worker for worker in containers.frugal("workers") if worker["model"] == "simulator"]
-        result = optimize(containers, "--evaluations", "8", "--in-flight", "4")
-        assert result["usage"] == {"simulator": 8}
-        assert {worker["instance"] for worker in live} == instances(containers, "simulator")
-        assert {trial["instance"] for trial in result["trials"]} == instances(containers, "simulator")
-        assert len(live) == replicas
+@pytest.mark.parametrize("replicas", [1, 2])
+def test_the_orchestrator_uses_as_many_simulators_as_there_are(
+    containers: Containers, tmp_path: Path, replicas: int
+) -> None:
+    containers.up("--scale", f"simulator={replicas}")
+    live = [worker for worker in containers.frugal("workers") if worker["model"] == "simulator"]
+    result, trials = optimize(containers, tmp_path, "--evaluations", "8", "--in-flight", "4")
+    assert result["usage"] == {"simulator": 8}
+    assert len(live) == replicas
+    assert hosts(live) == hosts(trials) == running(containers, "simulator")
 
 
-def test_a_worker_that_crashes_is_back_and_serves(containers: Containers) -> None:
+def test_a_worker_that_crashes_is_back_and_serves(containers: Containers, tmp_path: Path) -> None:
     kill_all_but_init = "import os, signal; os.kill(-1, signal.SIGKILL)"
-    containers.compose("exec", "-T", "heuristic", "python", "-c", kill_all_but_init)
+    containers.compose("exec", "--detach", "heuristic", "python", "-c", kill_all_but_init)
+    (crashed,) = (container.id for container in containers.list() if container.service == "heuristic")
+    deadline = time.monotonic() + 60
+    while containers.docker("inspect", "--format", "{{.RestartCount}}", crashed).strip() == "0":
+        assert time.monotonic() < deadline, containers.report()
+        time.sleep(0.2)
     containers.up()
-    result = optimize(containers, "--evaluations", "5", "--strategy", "only:heuristic")
+    result, _ = optimize(containers, tmp_path, "--evaluations", "5", "--strategy", "only:heuristic")
     assert result["usage"] == {"heuristic": 5}
 
 

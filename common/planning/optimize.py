@@ -5,6 +5,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from threading import Event as Flag
 
 import numpy as np
@@ -62,7 +63,8 @@ def optimize(
         in_flight: Largest number of evaluations at the same time.
         seed: Seed of every random choice.
         trusted: The model that is always applicable; the task's own if None.
-        deadline_s: Answer with the best action known after this time [s].
+        deadline_s: Answer with the best action known after this time [s]; evaluations that still run are trials
+            without model and reward, and their threads end when their models answer.
         clock: Seconds since any fixed moment, for time stamps.
         on_trial: Called with every trial, in the order of asking.
         cancelled: Whether the caller has lost interest; asked about every 20 ms.
@@ -101,26 +103,34 @@ def optimize(
     pool = ThreadPoolExecutor(in_flight, thread_name_prefix="evaluation")
     try:
         record = _Record(Planner(problem.limits, seed=seed), now=now, on_trial=on_trial)
-        running: deque[tuple[int, NDArray[np.float64], Future[Evaluation]]] = deque()
+        running: deque[_Running] = deque()
         for count in range(evaluations + in_flight):
             if count >= in_flight:
-                index, action, future = running.popleft()
-                if not _finished(future, now=now, deadline_s=deadline_s, cancelled=cancelled):
-                    running.appendleft((index, action, future))
+                if not _finished(running[0].future, now=now, deadline_s=deadline_s, cancelled=cancelled):
                     break
-                record.settle(future.result())
+                record.settle(running.popleft().future.result())
             if count < evaluations:
                 index, action = record.ask()
-                running.append((index, action, pool.submit(evaluator.evaluate, index, action)))
-        for index, action, future in running:
-            if future.done() and future.exception() is None:
-                record.settle(future.result())
+                running.append(_Running(index, action, now(), pool.submit(evaluator.evaluate, index, action)))
+        for left in running:
+            if left.future.done() and left.future.exception() is None:
+                record.settle(left.future.result())
             else:
-                record.abandon(index, action)
+                record.abandon(left)
         return record.result(strategy=chosen.name, seed=seed)
     finally:
         stop.set()
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class _Running:
+    """An evaluation whose reward is not told yet."""
+
+    index: int
+    action: NDArray[np.float64]
+    started_s: float
+    future: Future[Evaluation]
 
 
 class _Record:
@@ -162,10 +172,21 @@ class _Record:
         if self._best is None and self._failure is not None and len(self._trials) == HOPELESS:
             raise self._failure
 
-    def abandon(self, index: int, action: NDArray[np.float64]) -> None:
+    def abandon(self, running: _Running) -> None:
         """Keep an evaluation that nobody waits for any more."""
-        error = "timed_out: not finished at the deadline"
-        self._keep(Trial(index, tuple(action.tolist()), "", "", "", None, error=error, started_s=self._now()))
+        self._keep(
+            Trial(
+                index=running.index,
+                action=tuple(running.action.tolist()),
+                model="",
+                instance="",
+                version="",
+                reward=None,
+                started_s=running.started_s,
+                predict_s=self._now() - running.started_s,
+                error="timed_out: not finished at the deadline",
+            )
+        )
 
     def result(self, *, strategy: str, seed: int) -> Result:
         """Return the answer.

@@ -19,6 +19,7 @@ SCALES = (0.06, 0.1, 0.18, 0.3, 0.5)
 SCALE_MEDIAN, SCALE_DEVIATION = 0.18, 0.5
 """Log-normal prior of the length scale."""
 NOISE = 1e-4
+"""Variance of the noise as a share of the rewards' variance."""
 RADII = (1 / 64, 1 / 256, 1 / 1024)
 """Neighbourhoods that are searched around the best candidates, as shares of the range."""
 LARGEST = 256

@@ -8,8 +8,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,6 @@ from common.wire.serve import host_estimator, host_model
 from common.wire.session import Session
 from common.wire.settings import WireSettings
 
-ROOT = Path(__file__).parents[1]
 GRID = Grid(8, 10, 0.01)
 
 
@@ -188,13 +187,12 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def spawn(*arguments: str, endpoint: str, log: Path) -> subprocess.Popen[bytes]:
+def spawn(*arguments: str, endpoint: str, log: Path, command: Sequence[str] = (__file__,)) -> subprocess.Popen[bytes]:
     """Start a fake in a process of its own: ``router``, or kind, name, instance and optionally the queue's length."""
     environment = {**os.environ, "FRUGAL_CONNECT": endpoint, "FRUGAL_LISTEN": endpoint, "FRUGAL_GRACE_S": "1"}
     with log.open("ab") as output:
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.fakes", *arguments],
-            cwd=ROOT,
+            [sys.executable, *command, *arguments],
             env=environment,
             stdout=output,
             stderr=output,
@@ -202,9 +200,11 @@ def spawn(*arguments: str, endpoint: str, log: Path) -> subprocess.Popen[bytes]:
 
 
 @contextmanager
-def running(*arguments: str, endpoint: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+def running(
+    *arguments: str, endpoint: str, log: Path, command: Sequence[str] = (__file__,)
+) -> Iterator[subprocess.Popen[bytes]]:
     """Start a fake, and kill it at the end if it still runs."""
-    process = spawn(*arguments, endpoint=endpoint, log=log)
+    process = spawn(*arguments, endpoint=endpoint, log=log, command=command)
     try:
         yield process
     finally:
@@ -212,6 +212,11 @@ def running(*arguments: str, endpoint: str, log: Path) -> Iterator[subprocess.Po
             process.send_signal(signal.SIGCONT)
             process.kill()
         process.wait()
+
+
+def serving(*arguments: str, endpoint: str, log: Path) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    """Start ``frugal serve`` with these arguments, and kill it at the end if it still runs."""
+    return running(*arguments, endpoint=endpoint, log=log, command=("-m", "services.cli.main", "serve"))
 
 
 def main() -> int:

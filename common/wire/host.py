@@ -139,7 +139,7 @@ class Host:
 
     def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
         asked = str(query.key_expr)
-        job = Job(query, asked if "*" in key and "*" not in asked else key)
+        job = Job(query, asked if "*" not in asked else key.replace("*", self.address.task))
         try:
             known = self._admit(endpoint, job)
         except FrugalError as error:

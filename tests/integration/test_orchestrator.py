@@ -1,0 +1,239 @@
+"""The orchestrator as a process, over workers of which some fail."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.domain.errors import RequestError, TimedOutError, UnavailableError
+from common.domain.trial import Result, Trial
+from common.planning.optimize import optimize
+from common.planning.problem import Problem
+from common.tasks import TASKS
+from common.wire import client
+from common.wire.array import Array
+from common.wire.messages import OptimizeRequest, Progress
+from common.wire.session import Session, open_session
+from common.wire.settings import WireSettings
+from common.wire.state import StateMessage
+from tests.fakes import Tilted, free_endpoint, make_state, running, serving
+
+STATE = make_state()
+TRUE_ACTION = (0.0123, -0.0057)
+TARGET = Tilted().predict(STATE, np.array([TRUE_ACTION])).heights[0]
+EVALUATIONS = 24
+
+
+class System:
+    """A router and an orchestrator, and workers that tests start and that end with their test."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self.log = folder / "processes.log"
+        self.endpoint = free_endpoint()
+        stack.enter_context(running("router", endpoint=self.endpoint, log=self.log))
+        stack.enter_context(serving("orchestrator", "--instance", "o", endpoint=self.endpoint, log=self.log))
+        self.session: Session = stack.enter_context(open_session(WireSettings(connect=(self.endpoint,)), wait_s=20))
+        self.workers = ExitStack()
+        self.wait_for(lambda names: "orchestrator/o" in names)
+
+    def spawn(self, kind: str, instance: str) -> subprocess.Popen[bytes]:
+        """Start a fake of the model `simulator`."""
+        fake = running(kind, "simulator", instance, endpoint=self.endpoint, log=self.log)
+        return self.workers.enter_context(fake)
+
+    def start(self, kind: str, instance: str) -> subprocess.Popen[bytes]:
+        """Start a fake of the model `simulator` and wait until it is alive."""
+        process = self.spawn(kind, instance)
+        self.wait_for(lambda names: f"simulator/{instance}" in names)
+        return process
+
+    def wait_for(self, is_so: Callable[[set[str]], bool]) -> None:
+        deadline = time.monotonic() + 20
+        while not is_so({status.address.worker for status in client.list_workers(self.session)}):
+            assert time.monotonic() < deadline, self.log.read_text()
+            time.sleep(0.02)
+
+    def optimize(self, on_progress: Callable[[Progress], None] | None = None, **options: object) -> Result:
+        return client.optimize(self.session, a_request(**options), on_progress=on_progress, timeout_s=60).result()
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    with ExitStack() as stack:
+        yield System(stack, tmp_path_factory.mktemp("system"))
+
+
+@pytest.fixture
+def system(shared: System) -> Iterator[System]:
+    with shared.workers:
+        yield shared
+    shared.wait_for(lambda names: names == {"orchestrator/o"})
+    shared.workers = ExitStack()
+
+
+def a_request(**options: object) -> OptimizeRequest:
+    fields = {"state": StateMessage.of(STATE), "target": Array.of(TARGET), "evaluations": EVALUATIONS, "seed": 7}
+    return OptimizeRequest.model_validate(fields | options)
+
+
+def locally(*, in_flight: int) -> Result:
+    problem = Problem(TASKS["plating"], STATE, TARGET)
+    model = Tilted("simulator")
+    return optimize(problem, {"simulator": model}, {}, evaluations=EVALUATIONS, seed=7, in_flight=in_flight)
+
+
+def what(trials: tuple[Trial, ...]) -> list[tuple[object, ...]]:
+    return [(trial.index, trial.action, trial.model, trial.version, trial.reward) for trial in trials]
+
+
+@pytest.mark.parametrize("in_flight", [1, 4])
+def test_the_same_seed_gives_the_same_trials_remotely_and_locally(system: System, in_flight: int):
+    system.start("good", "a")
+    system.start("good", "b")
+    first, second = (system.optimize(in_flight=in_flight) for _ in range(2))
+    assert what(first.trials) == what(second.trials) == what(locally(in_flight=in_flight).trials)
+    assert np.array_equal(first.heights, locally(in_flight=in_flight).heights)
+    assert np.hypot(*np.subtract(first.action, TRUE_ACTION)) < 2e-3
+    assert first.usage == {"simulator": EVALUATIONS}
+    assert first.models == {"simulator": "1"}
+    assert {trial.instance for trial in first.trials} == {"a", "b"}
+
+
+@pytest.mark.parametrize("failure", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_that_dies_or_stops_takes_nothing_with_it(system: System, failure: signal.Signals):
+    system.start("slow", "good")
+    victim = system.start("slow", "victim")
+    seen: list[Progress] = []
+
+    def on_progress(step: Progress) -> None:
+        seen.append(step)
+        if sum(step.kind == "trial" for step in seen) == 3 and victim.returncode is None:
+            victim.send_signal(failure)
+
+    result = system.optimize(on_progress=on_progress, in_flight=4)
+    assert what(result.trials) == what(locally(in_flight=4).trials)
+    assert all(trial.error == "" for trial in result.trials)
+    assert any(event.worker == "simulator/victim" for event in result.events)
+    assert [step.trial.index for step in seen if step.trial] == list(range(EVALUATIONS))
+
+
+@pytest.mark.parametrize("kind", ["raising", "lying", "infinite"])
+def test_a_worker_that_fails_is_replaced_by_one_that_does_not(system: System, kind: str):
+    system.start("good", "good")
+    system.start(kind, "bad")
+    result = system.optimize(in_flight=4)
+    assert what(result.trials) == what(locally(in_flight=4).trials)
+    assert any(event.worker == "simulator/bad" and event.kind == "model_error" for event in result.events)
+    assert {trial.instance for trial in result.trials} == {"good"}
+
+
+def test_a_worker_that_joins_in_the_middle_gets_work(system: System):
+    system.start("slow", "first")
+    started: list[object] = []
+
+    def on_progress(step: Progress) -> None:
+        if step.kind == "trial" and not started:
+            started.append(system.spawn("slow", "second"))
+
+    result = system.optimize(on_progress=on_progress, in_flight=4)
+    assert {trial.instance for trial in result.trials} == {"first", "second"}
+    assert any(event.kind == "joined" and event.worker == "simulator/second" for event in result.events)
+
+
+def test_without_any_worker_the_error_names_what_is_missing_within_two_seconds(system: System):
+    began = time.monotonic()
+    with pytest.raises(UnavailableError, match="model simulator"):
+        system.optimize()
+    assert time.monotonic() - began < 2
+
+
+def test_workers_that_all_fail_give_their_error(system: System):
+    system.start("raising", "bad")
+    with pytest.raises(Exception, match="the solver diverged"):
+        system.optimize()
+
+
+def test_a_model_without_an_mde_is_used_only_if_it_is_named(system: System):
+    system.start("good", "a")
+    result = system.optimize(strategy="only:simulator")
+    assert result.usage == {"simulator": EVALUATIONS}
+    with pytest.raises(UnavailableError, match="model learned"):
+        system.optimize(strategy="only:learned")
+
+
+def test_at_the_deadline_the_best_known_action_is_the_answer(system: System):
+    system.start("slow", "a")
+    began = time.monotonic()
+    result = system.optimize(deadline_s=1.5)
+    assert time.monotonic() - began < 2.5
+    assert 0 < sum(trial.reward is not None for trial in result.trials) < EVALUATIONS
+
+
+def test_a_caller_with_a_short_budget_gets_the_best_known_action_in_time(system: System):
+    system.start("slow", "a")
+    reply = client.optimize(system.session, a_request(), timeout_s=2.0)
+    assert reply.trials
+
+
+def test_a_budget_too_short_for_one_evaluation_is_an_error(system: System):
+    system.start("slow", "a")
+    with pytest.raises(TimedOutError):
+        system.optimize(deadline_s=0.05)
+
+
+def test_a_late_subscriber_gets_every_step(system: System):
+    system.start("good", "a")
+    result = system.optimize(id="late")
+    steps: list[Progress] = []
+    with client.follow_progress(system.session, steps.append, request_id="late"):
+        deadline = time.monotonic() + 10
+        while not any(step.kind == "finished" for step in steps):
+            assert time.monotonic() < deadline, steps
+            time.sleep(0.02)
+    assert [step.index for step in steps] == list(range(len(steps)))
+    assert [step.trial.trial() for step in steps if step.trial] == list(result.trials)
+    assert steps[-1].action == result.action
+
+
+BAD_REQUESTS = {
+    "another task": ({"task": "cooking"}, "task: expected plating|no reply"),
+    "an unknown strategy": ({"strategy": "guess"}, "strategy: expected one of"),
+    "empty bounds": ({"bounds": ((0.01, 0.01), (0.0, 0.02))}, "low < high"),
+    "bounds of another dimension": ({"bounds": ((0.0, 0.01),)}, "expected 2 action parameters, got 1"),
+    "bounds beyond the task's": ({"bounds": ((-1.0, 1.0), (-1.0, 1.0))}, "expected them within"),
+    "no evaluations": ({"evaluations": 0}, "evaluations"),
+    "a million evaluations": ({"evaluations": 10**6}, "evaluations"),
+    "a target of another grid": ({"target": Array.of(np.zeros((9, 10), np.float32))}, r"expected shape \(8, 10\)"),
+    "a target that is not finite": ({"target": Array.of(np.full((8, 10), np.nan, np.float32))}, "finite"),
+    "a trusted model that is not there": ({"trusted": "oracle"}, "model oracle"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_REQUESTS)
+def test_a_bad_request_is_refused_with_a_reason_and_the_next_one_served(system: System, case: str):
+    changes, reason = BAD_REQUESTS[case]
+    system.start("good", "a")
+    request = a_request().model_copy(update=changes)
+    with pytest.raises((RequestError, UnavailableError), match=reason):
+        client.optimize(system.session, request, timeout_s=10)
+    assert system.optimize(evaluations=3).usage == {"simulator": 3}
+
+
+def test_several_optimisations_run_at_once(system: System):
+    system.start("slow", "a")
+    system.start("slow", "b")
+    steps: list[Progress] = []
+    with ExitStack() as stack:
+        for name in ("run-0", "run-1", "run-2"):
+            stack.enter_context(client.follow_progress(system.session, steps.append, request_id=name))
+        pool = stack.enter_context(ThreadPoolExecutor(3))
+        results = list(pool.map(lambda n: system.optimize(id=f"run-{n}", seed=n, evaluations=6), range(3)))
+    assert [result.seed for result in results] == [0, 1, 2]
+    kinds = [step.kind for step in steps if step.kind in ("accepted", "finished")]
+    assert kinds == ["accepted"] * 3 + ["finished"] * 3

@@ -8,6 +8,8 @@ proto_schemas/README.md. Exit code 0: the best action is on standard output, x a
 """
 
 import ast
+import json
+import os
 import struct
 import sys
 import zipfile
@@ -17,6 +19,7 @@ import msgpack
 import zenoh
 
 KEY = "frugal/@v1/plating/optimize"
+ENDPOINT = os.environ.get("FRUGAL_CONNECT", "tcp/127.0.0.1:7447")
 TIMEOUT_S = 300.0
 
 
@@ -73,7 +76,7 @@ def main() -> int:
     request = make_request(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", '["tcp/127.0.0.1:7447"]')
+    config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
     with zenoh.open(config) as session:
         replies = session.get(
             KEY,

@@ -8,7 +8,7 @@ from common.domain.bodies import ROUNDING, Bodies, Box, Material, Plate
 from common.domain.errors import ModelError
 from common.domain.grid import Grid
 from common.domain.scene import Scene
-from services.simulator.perception_boxes import Array, axes, fit_boxes, soft_tops
+from services.simulator.perception_boxes import Array, View, axes, fit_boxes, overlaps, soft_tops, stretch_box
 from services.simulator.perception_plate import fit_plate
 from services.simulator.perception_search import guess_boxes
 
@@ -16,8 +16,10 @@ MOST_BOXES = 40
 EXPLAINED = 2.5e-3
 """A cell is explained where the boxes' surface is this near, or where an edge passes by [m]."""
 LEAST_SCORE = 9.0
-LEAST_GAIN = 0.02
-"""A box is dropped where the differences [m], added over the cells, grow by less than this without it."""
+LEAST_GAIN = 3e-7
+"""A box is needed where it explains at least this volume, about a twentieth of a fry [m3]."""
+MOST_OVERLAP = 0.4
+"""A box that lies inside another one by more than this share needs ten times the reason [-]."""
 
 
 def find_bodies(scene: Scene) -> Bodies:
@@ -30,81 +32,92 @@ def find_bodies(scene: Scene) -> Bodies:
     """
     plate = fit_plate(scene)
     ground = plate.heightmap(scene.grid)
-    pieces, count = label(scene.materials[0] > 0, structure=np.ones((3, 3)))
+    pieces = np.zeros(scene.grid.shape, dtype=np.int32)
+    label(scene.materials[0] > 0, structure=np.ones((3, 3)), output=pieces)
     boxes: list[Box] = []
-    for piece in range(1, count + 1):
+    for piece in range(1, int(pieces.max()) + 1):
         found = _find_boxes(scene, ground, pieces == piece)
-        boxes += _as_boxes(scene, plate, found)
+        boxes += _as_boxes(scene, plate, found) if len(found) else []
     if len(boxes) > MOST_BOXES:
         raise ModelError(f"expected at most {MOST_BOXES} fries, got {len(boxes)}")
     return Bodies(plate, tuple(boxes))
 
 
 def _find_boxes(scene: Scene, ground: Array, piece: NDArray[np.bool_]) -> Array:
-    """Return the parameters of the boxes ``(K, 8)`` that explain one connected piece of the fries' mask."""
+    """Return the parameters of the boxes ``(K, 8)`` that explain one connected piece of the fries' mask.
+
+    The guess that explains most cells is added and fitted, until nothing is left to explain; then all are fitted
+    together, those that nobody needs are dropped, and the rest of the cells gets a second chance.
+    """
     grid, heights = scene.grid, scene.heights.astype(np.float64)
     guesses = guess_boxes(grid, heights, ground, piece)
     region = binary_dilation(piece, np.ones((3, 3)), iterations=max(1, round(0.004 / grid.cell)))
     region &= piece | (scene.materials[0] == 0)
-    points, seen, floor = _points(grid, region), heights[region], ground[region]
-    boxes = np.zeros((0, 8))
+    view = View(_points(grid, region), heights[region], ground[region], grid.cell)
+    boxes, untried = np.zeros((0, 8)), np.ones(len(guesses.boxes), dtype=bool)
     for _ in range(2):
-        while len(boxes) <= MOST_BOXES and len(guesses.boxes):
+        surfaces = _surfaces(boxes, view)
+        while len(boxes) < MOST_BOXES and untried.any():
             unexplained = np.zeros(grid.shape, dtype=bool)
-            unexplained[region] = ~_explained(boxes, points, seen, floor, grid.cell)
-            index, score = guesses.best((unexplained & piece).ravel())
+            unexplained[region] = ~_explained(surfaces, view)
+            index, score = guesses.best((unexplained & piece).ravel(), untried)
             if score < LEAST_SCORE:
                 break
-            below = np.maximum(floor, soft_tops(boxes, points, floor, grid.cell).max(axis=0, initial=-np.inf))
-            near = np.hypot(*(points - guesses.boxes[index, :2]).T) < 0.045
-            new = fit_boxes(
-                guesses.boxes[index : index + 1], points[near], seen[near], below[near], grid.cell, iterations=6
-            )
-            boxes = np.concatenate([boxes, new])
+            untried[index] = False
+            nearby = view.near(guesses.boxes[index], ground=surfaces[1])
+            new = fit_boxes(guesses.boxes[index : index + 1], nearby, blur=3.0, iterations=4)
+            new = fit_boxes(stretch_box(new, nearby), nearby, blur=1.2, iterations=4)
+            if _misfit(new[:0], nearby) - _misfit(new, nearby) > LEAST_GAIN:
+                boxes = np.concatenate([boxes, new])
+                surfaces = np.maximum(surfaces, _surfaces(new, view))
         if len(boxes):
-            boxes = fit_boxes(boxes, points, seen, floor, grid.cell, iterations=10)
-            boxes = _drop_idle(boxes, points, seen, floor, grid.cell)
+            boxes = _needed(fit_boxes(boxes, view, blur=1.2, iterations=10), view)
     return boxes
 
 
-def _explained(boxes: Array, points: Array, seen: Array, floor: Array, cell: float) -> NDArray[np.bool_]:
-    """Return where the boxes' surface is what is seen, or where it jumps within a cell ``(N,)``."""
-    if not len(boxes):
-        return np.abs(seen - floor) < EXPLAINED
-    tops = [soft_tops(boxes, points, floor, blur).max(axis=0) for blur in (cell / 100, cell, 3 * cell)]
-    low, high = np.min(tops, axis=0), np.max(tops, axis=0)
-    return (seen > low - EXPLAINED) & (seen < high + EXPLAINED)
+def _surfaces(boxes: Array, view: View) -> Array:
+    """Return the surface of the boxes with sharp, blurred and wide edges ``(3, N)`` [m]."""
+    return np.array([view.surface(boxes, blur=blur) for blur in (0.01, 1.0, 3.0)])
 
 
-def _drop_idle(boxes: Array, points: Array, seen: Array, floor: Array, cell: float) -> Array:
-    """Drop, one by one, boxes without which the heightmap is explained as well."""
+def _explained(surfaces: Array, view: View) -> NDArray[np.bool_]:
+    """Return where the surface is what is seen, or where it jumps within a cell ``(N,)``."""
+    low, high = surfaces.min(axis=0), surfaces.max(axis=0)
+    return (view.heights > low - EXPLAINED) & (view.heights < high + EXPLAINED)
+
+
+def _misfit(boxes: Array, view: View) -> float:
+    """Return the volume between the surface of the boxes and what is seen [m3]."""
+    return float(np.abs(view.surface(boxes) - view.heights).sum() * view.cell**2)
+
+
+def _needed(boxes: Array, view: View) -> Array:
+    """Drop, one by one, boxes without which the heightmap is explained as well, or nearly so inside another box."""
     while len(boxes):
-        tops = np.concatenate([soft_tops(boxes, points, floor, cell), floor[None]])
-        total = np.abs(tops.max(axis=0) - seen).sum()
-        gains = [np.abs(np.delete(tops, i, axis=0).max(axis=0) - seen).sum() - total for i in range(len(boxes))]
-        worst = int(np.argmin(gains))
-        if gains[worst] * (cell / 0.003) ** 2 > LEAST_GAIN:
+        tops = np.vstack([view.ground, soft_tops(boxes, view.points, view.ground, view.cell)])
+        surfaces = [np.delete(tops, index, axis=0).max(axis=0) for index in range(1, len(tops))]
+        gains = np.abs(np.array(surfaces) - view.heights).sum(axis=1) * view.cell**2 - _misfit(boxes, view)
+        gains /= np.where(overlaps(boxes) > MOST_OVERLAP, 10, 1)
+        if gains.min() > LEAST_GAIN:
             break
-        boxes = np.delete(boxes, worst, axis=0)
+        boxes = np.delete(boxes, int(gains.argmin()), axis=0)
     return boxes
 
 
 def _as_boxes(scene: Scene, plate: Plate, boxes: Array) -> list[Box]:
-    """Return boxes with the material seen at their upper faces; one that lies on the plate is as thick as it is high."""
-    grid = scene.grid
-    tops = np.array([soft_tops(box, _points(grid, np.ones(grid.shape, bool)), np.zeros(1), grid.cell) for box in boxes])
-    materials = scene.materials.reshape(3, -1)
+    """Return boxes with the material seen on them; one that touches the plate is as thick as it is high."""
+    points = _points(scene.grid, scene.materials[0] > 0)
+    materials = scene.materials[:, scene.materials[0] > 0]
+    low = np.full(len(points), -1.0)
+    tops = soft_tops(boxes, points, low, scene.grid.cell)
+    highest = tops.argmax(axis=0)
     found: list[Box] = []
-    for box, top, frame in zip(boxes, tops, axes(boxes), strict=True):
-        length, width = max(box[6], 4 * ROUNDING), max(box[7], 4 * ROUNDING)
-        above = box[2] - float(plate.height(np.hypot(box[0], box[1])))
-        level = np.abs(box[4:6]).max() < 0.03
-        thickness = above if level and 0.7 * width < above < 1.3 * width else width
-        visible = (top >= tops.max(axis=0)) & (top > 0) & (materials[0] > 0)
-        nearest = np.hypot(*(_points(grid, materials[0].reshape(grid.shape) > 0) - box[:2]).T).argmin()
-        density, modulus, ratio = (
-            np.median(materials[:, visible], axis=1) if visible.any() else materials[:, materials[0] > 0][:, nearest]
-        )
+    for index, (box, frame) in enumerate(zip(boxes, axes(boxes), strict=True)):
+        length, width = np.maximum(box[6:], 4 * ROUNDING)
+        thickness = _thickness(box, frame, plate, width)
+        nearest = np.hypot(*(points - box[:2]).T).argmin()
+        visible = (highest == index) & (tops[index] > low)
+        density, modulus, ratio = np.median(materials[:, visible if visible.any() else [nearest]], axis=1)
         found.append(
             Box(
                 np.array([length, width, thickness]),
@@ -114,6 +127,15 @@ def _as_boxes(scene: Scene, plate: Plate, boxes: Array) -> list[Box]:
             )
         )
     return found
+
+
+def _thickness(box: Array, frame: Array, plate: Plate, width: float) -> float:
+    """Return the distance from the upper face down to the plate where that is about the width, else the width [m]."""
+    along, across = np.meshgrid(np.linspace(-0.5, 0.5, 13) * box[6], np.linspace(-0.5, 0.5, 3) * width)
+    face = box[:3] + along[..., None] * frame[0] + across[..., None] * frame[1]
+    below = face - frame[2] * width
+    gap = float((face[..., 2] - plate.height(np.hypot(below[..., 0], below[..., 1]))).min() * frame[2, 2])
+    return gap if 0.75 * width < gap < 1.25 * width else width
 
 
 def _points(grid: Grid, mask: NDArray[np.bool_]) -> Array:

@@ -1,4 +1,4 @@
-"""First guesses of the fries in a connected piece of the heightmap: which box explains most cells that none does yet."""
+"""First guesses of the fries in a piece of the heightmap: boxes of the standard size that explain many cells."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from services.simulator.perception_boxes import LENGTH, WIDTH, Array
 
 YAWS = np.arange(24) * np.pi / 24
 ALONG = np.linspace(-0.45, 0.45, 19) * LENGTH
-ACROSS = np.array([-0.3, 0.0, 0.3]) * WIDTH
+ACROSS = np.array([-0.25, 0.0, 0.25]) * WIDTH
 PAIRS = [(i, j) for i in range(0, 19, 3) for j in range(i + 6, 19, 3)]
 TOLERANCE = 1.6e-3
 STEEPEST = 1.3
@@ -34,11 +34,11 @@ class Guesses:
     agrees: NDArray[np.bool_]
     penalty: Array
 
-    def best(self, unexplained: NDArray[np.bool_]) -> tuple[int, float]:
-        """Return the index and the score of the guess that explains most cells of a flat mask ``(H * W,)``."""
+    def best(self, unexplained: NDArray[np.bool_], untried: NDArray[np.bool_]) -> tuple[int, float]:
+        """Return index and score of the untried ``(K,)`` guess that explains most of the cells ``(H * W,)``."""
         fresh = (self.agrees & unexplained[self.cells]).sum(axis=1)
         seen = self.agrees.sum(axis=1)
-        score = fresh + 0.25 * (seen - fresh) - self.penalty - np.where(fresh < 6, np.inf, 0.0)
+        score = fresh + 0.25 * (seen - fresh) - self.penalty - np.where((fresh < 6) | ~untried, np.inf, 0.0)
         index = int(score.argmax())
         return index, float(score[index])
 
@@ -69,24 +69,26 @@ def guess_boxes(grid: Grid, heights: Array, plate: Array, mask: NDArray[np.bool_
         slope = (middle[:, j] - middle[:, i]) / (ALONG[j] - ALONG[i])
         level = middle[:, i] - slope * ALONG[i]
         excess = seen - (level[:, None] + slope[:, None] * ALONG)[..., None]
-        score = (np.abs(excess) < TOLERANCE).sum(axis=(1, 2)) - 2.0 * (excess < -TOLERANCE).sum(axis=(1, 2))
+        score = (np.abs(excess) < TOLERANCE).sum(axis=(1, 2)) - 1.0 * (excess < -TOLERANCE).sum(axis=(1, 2))
         ends = level[:, None] + slope[:, None] * ALONG[::9]
         score[(ends < floor + LOWEST).any(axis=1) | (np.abs(slope) > STEEPEST)] = -np.inf
         better = score > best_score
         best_score[better] = score[better]
         best_line[better] = np.stack([level, slope], axis=1)[better]
-    kept = best_score > 6
+    kept = best_score > 8
     centre, cells, seen, best_line = centre[kept], cells[kept], seen[kept], best_line[kept]
     level, slope = best_line.T
     excess = seen - (level[:, None] + slope[:, None] * ALONG)[..., None]
     beside = heights.ravel()[_lookup(grid, centre, ALONG[1::2], np.array([-0.9, 0.9]) * WIDTH)]
     level_beside = (level[:, None] + slope[:, None] * ALONG[1::2])[..., None]
-    penalty = 1.5 * (excess < -TOLERANCE).sum(axis=(1, 2)) + 0.5 * (np.abs(beside - level_beside) < TOLERANCE).sum((1, 2))
-    size = len(centre)
+    penalty = 1.0 * (excess < -TOLERANCE).sum(axis=(1, 2)) + 0.5 * (np.abs(beside - level_beside) < TOLERANCE).sum(
+        (1, 2)
+    )
+    size, points = len(centre), len(ALONG) * len(ACROSS)
     boxes = np.column_stack(
         [centre[:, :2], level, centre[:, 2], slope, np.zeros(size), np.full(size, LENGTH), np.full(size, WIDTH)]
     )
-    return Guesses(boxes, cells.reshape(size, -1), (np.abs(excess) < TOLERANCE).reshape(size, -1), penalty)
+    return Guesses(boxes, cells.reshape(size, points), (np.abs(excess) < TOLERANCE).reshape(size, points), penalty)
 
 
 def _lookup(grid: Grid, centre: Array, along: Array, across: Array) -> NDArray[np.int64]:

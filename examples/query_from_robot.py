@@ -45,6 +45,11 @@ def numbers(array: dict) -> list[float]:
     return list(struct.unpack(f"<{len(array['data']) // 8}d", array["data"]))
 
 
+def cell_size(arrays: dict[str, dict]) -> float:
+    """Return the edge of a cell, which stands in the JSON text that a case file begins with [m]."""
+    return json.loads(arrays["about"]["data"].decode("utf-32-le"))["cell"]
+
+
 def known_bodies(arrays: dict[str, dict]) -> dict | None:
     """Return plate and fries where the file knows them; without them the simulator finds them in the heightmap."""
     if "boxes" not in arrays:
@@ -66,7 +71,7 @@ def make_request(path: Path) -> dict:
     rows, columns = arrays["scene_heights"]["shape"]
     scene = {"heights": arrays["scene_heights"], "materials": arrays["scene_materials"], "bodies": known_bodies(arrays)}
     item = {"heights": arrays["item_heights"], "materials": arrays["item_materials"]}
-    grid = {"rows": rows, "columns": columns, "cell": 0.003}
+    grid = {"rows": rows, "columns": columns, "cell": cell_size(arrays)}
     return {"state": {"grid": grid, "scene": scene, "item": item}, "target": arrays["target"], "seed": 0}
 
 

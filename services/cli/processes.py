@@ -25,6 +25,8 @@ class Child:
 
     def start(self) -> None:
         """Start the process; it stops by itself when this process ends, however that ends."""
+        if self.process and self.process.stdin:
+            self.process.stdin.close()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "services.cli.main", "serve", "--until-eof", *self.arguments],
             stdin=subprocess.PIPE,

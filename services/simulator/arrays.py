@@ -9,7 +9,6 @@ then the boxes; ``P`` patches of samples, first those of the soft item. Position
 import warp as wp
 
 
-
 DONE = wp.constant(0)
 """At rest, or given up."""
 START = wp.constant(1)
@@ -33,6 +32,9 @@ class Laws:
 
     friction: float
     stick_ratio: float
+    softening: float
+    overshoot: float
+    trials: int
     gravity: wp.vec3
     keep_fast: float  # share of the velocity that one step keeps
     keep_slow: float

@@ -1,8 +1,5 @@
 """Contact with friction between samples and obstacles, by springs that remember where they stuck.
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
-
 A sample that is ``-g`` deep in an obstacle with outward normal ``n`` feels ``f_n = -k g`` along ``n``. Its tangential spring
 has length ``u = P (c - a)``, ``P = I - n n^T``, between the touching point ``c`` and an anchor ``a`` that moves with the obstacle:
 it sticks with ``f_t = -k_t u`` while ``k_t |u| <= mu f_n`` and slides with ``f_t = -mu f_n u / |u|`` beyond. At the end of a step
@@ -11,6 +8,8 @@ Tangent: ``k n n^T + s P``, ``s = k_t`` sticking; ``s = mu f_n / |u|`` and ``P``
 by which friction follows the normal force, is left out.
 """
 
+# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
+# ruff: noqa: UP018
 import warp as wp
 
 from services.simulator.arrays import (
@@ -38,13 +37,22 @@ FEELS_PLATE = wp.constant(SIDE)
 
 
 @wp.func(module=MODULE)
+def secant_stiffness(laws: Laws, stiffness: float, gap: float):
+    """Return normal force over depth: the spring hardens up to ``softening``, so that light touches stay smooth [N/m]."""
+    if -gap < laws.softening:
+        return -0.5 * stiffness * gap / laws.softening
+    return stiffness * (1.0 + 0.5 * laws.softening / gap)
+
+
+@wp.func(module=MODULE)
 def contact_force(laws: Laws, stiffness: float, gap: float, n: wp.vec3, stretch: wp.vec3):
     """Return the force on a sample whose spring has length ``stretch`` (its normal part is ignored) [N]."""
-    pressing = -stiffness * gap
+    secant = secant_stiffness(laws, stiffness, gap)
+    pressing = -secant * gap
     u = stretch - n * wp.dot(n, stretch)
     length = wp.length(u)
     most = laws.friction * pressing
-    tangential = laws.stick_ratio * stiffness
+    tangential = laws.stick_ratio * secant
     if tangential * length > most:
         tangential = most / length
     return n * pressing - u * tangential
@@ -55,13 +63,15 @@ def contact_tangent(laws: Laws, stiffness: float, gap: float, n: wp.vec3, stretc
     """Return minus the derivative of the force, ``(3, 3)`` and positive semi-definite [N/m]."""
     u = stretch - n * wp.dot(n, stretch)
     length = wp.length(u)
-    most = -laws.friction * stiffness * gap
-    tangential = laws.stick_ratio * stiffness
+    secant = secant_stiffness(laws, stiffness, gap)
+    most = -laws.friction * secant * gap
+    tangential = laws.stick_ratio * secant
     plane = wp.identity(n=3, dtype=float) - wp.outer(n, n)
     if tangential * length > most:
         tangential = most / length
         plane = plane - wp.outer(u, u) / (length * length)
-    return stiffness * wp.outer(n, n) + tangential * plane
+    normal = stiffness * wp.min(1.0, -gap / laws.softening)
+    return normal * wp.outer(n, n) + tangential * plane
 
 
 @wp.func(module=MODULE)
@@ -111,9 +121,7 @@ def add_body_block(system: System, w: int, a: int, b: int, arm_a: wp.vec3, arm_b
 
 
 @wp.func(module=MODULE)
-def add_sample_force(
-    solid: Solid, worlds: Worlds, w: int, s: int, force: wp.vec3
-):
+def add_sample_force(solid: Solid, worlds: Worlds, w: int, s: int, force: wp.vec3):
     """Spread a force over the nodes around a sample."""
     e = solid.patch[s]
     for i in range(solid.corners[s]):

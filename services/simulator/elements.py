@@ -2,7 +2,6 @@
 
 # In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
 # ruff: noqa: UP018
-
 import warp as wp
 
 from services.simulator.arrays import DIRECTION, START, TRIAL, Solid, System, Worlds

@@ -16,6 +16,7 @@ class Settings:
         point_stiffness: Contact stiffness of one sample of a rigid body [N/m].
         friction: Coefficient of friction [-].
         stick_ratio: Tangential over normal contact stiffness [-].
+        softening: Depth up to which a contact's stiffness grows from zero [m].
         first_step: Time step while things move [s].
         longest_step: Time step at rest [s].
         shortest_step: Time step below which a step is taken as it is [s].
@@ -38,10 +39,13 @@ class Settings:
     point_stiffness: float = 1e4
     friction: float = 0.5
     stick_ratio: float = 0.7
+    softening: float = 2e-4
+    overshoot: float = 0.5
+    trials: int = 4
     first_step: float = 0.010
     longest_step: float = 0.030
-    shortest_step: float = 0.00125
-    iterations: int = 4
+    shortest_step: float = 0.0025
+    iterations: int = 6
     keep_fast: float = 0.9
     keep_slow: float = 0.5
     slow: float = 0.02

@@ -9,7 +9,9 @@ from common.domain.errors import ModelError
 from services.simulator.settings import Settings
 
 
-def settle_boxes(plate: Plate, boxes: Sequence[Box], *, settings: Settings | None = None, device: str = "cpu") -> tuple[Box, ...]:
+def settle_boxes(
+    plate: Plate, boxes: Sequence[Box], *, settings: Settings | None = None, device: str = "cpu"
+) -> tuple[Box, ...]:
     """Return the boxes where they come to rest when let go.
 
     Raises:

@@ -258,6 +258,9 @@ def _laws(settings: Settings, gravity: tuple[float, float, float], undamped: boo
     laws = Laws()
     laws.friction = settings.friction
     laws.stick_ratio = settings.stick_ratio
+    laws.softening = settings.softening
+    laws.overshoot = settings.overshoot
+    laws.trials = settings.trials
     laws.gravity = wp.vec3(*gravity)
     laws.keep_fast = 1.0 if undamped else settings.keep_fast
     laws.keep_slow = 1.0 if undamped else settings.keep_slow

@@ -1,12 +1,11 @@
 """Implicit Euler with Newton's method: inertia, line search, step control. One small state machine per world.
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
-
 A step from ``x0, v`` solves ``M (x - x0 - dt v) / dt^2 = f(x)``. A Newton direction ``d`` is tried at length 1, or at what moves
 nothing by more than `STEP_LIMIT`; with the slope ``S = f.d`` it is accepted where ``S_new >= -S / 2``, else shortened.
 """
 
+# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
+# ruff: noqa: UP018
 import warp as wp
 
 from services.simulator.arrays import (
@@ -102,7 +101,7 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     first = worlds.slope[w]
     trials = worlds.trials[w] + 1
     worlds.trials[w] = trials
-    if slope < -0.5 * first and trials < TRIALS:
+    if slope < -laws.overshoot * first and trials < laws.trials:
         worlds.alpha[w] = worlds.alpha[w] * wp.clamp(first / (first - slope), 0.15, 0.7)
         return
     moved = float(0.0)

@@ -2,7 +2,6 @@
 
 # In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
 # ruff: noqa: UP018
-
 import numpy as np
 import warp as wp
 
@@ -53,6 +52,7 @@ def plate_distance(plate: Plates, point: wp.vec3):
     normal_r = float(0.0)
     normal_z = float(1.0)
     below = float(1.0)
+    vertex = int(0)
     segment = plate.first[bin]
     while segment < plate.radii.shape[0] - 1 and plate.radii[segment] < r + PLATE_REACH:
         dr = plate.radii[segment + 1] - plate.radii[segment]

@@ -1,0 +1,140 @@
+"""One state, ready to be simulated: its bodies at rest, its item meshed, its arrays on the device."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from common.domain.bodies import Bodies, Box
+from common.domain.errors import ModelError, RequestError
+from common.domain.scene import State
+from services.simulator import raster
+from services.simulator.bodies import Body, box_body, item_body
+from services.simulator.device import upload
+from services.simulator.mesh import Mesh, build_mesh
+from services.simulator.outline import Outline, outline_of
+from services.simulator.samples import item_samples
+from services.simulator.settings import Settings
+from services.simulator.simulation import Outcome, Simulation
+
+UNCHANGED = 1e-4
+"""Where the drawn scene changes by less than this, the state's own height is kept [m]."""
+
+MOST_BOXES = 31
+"""Boxes that fit in the bit sets of the contact search."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """What a batch of placements led to.
+
+    Attributes:
+        heights: ``(B, H, W)`` [m].
+        settled: Whether everything came to rest ``(B,)``.
+        speed: Largest speed at the end ``(B,)`` [m/s].
+        time: Simulated time ``(B,)`` [s].
+        outcome: Where nodes and bodies are.
+    """
+
+    heights: NDArray[np.float32]
+    settled: NDArray[np.bool_]
+    speed: NDArray[np.float32]
+    time: NDArray[np.float32]
+    outcome: Outcome
+
+
+class Placement:
+    """All worlds of one state: `run` places its item at several actions at once.
+
+    Args:
+        state: What is placed where.
+        bodies: The state's plate and boxes, at rest.
+        settings: Resolution and laws.
+        worlds: Actions that one run takes.
+        device: Warp's name of the device.
+    """
+
+    def __init__(self, state: State, bodies: Bodies, *, settings: Settings, worlds: int, device: str) -> None:
+        if bodies.plate is None:
+            raise ModelError("expected bodies with a plate, got none")
+        if len(bodies.boxes) > MOST_BOXES:
+            raise RequestError(f"expected at most {MOST_BOXES} boxes, got {len(bodies.boxes)}")
+        self.plate = bodies.plate
+        self.boxes = bodies.boxes
+        self.settings = settings
+        self.state = state
+        self.count = worlds
+        self.outline = outline_of(state.item, state.grid)
+        self.mesh = build_mesh(self.outline, settings)
+        box_bodies = [box_body(box, settings) for box in self.boxes]
+        self.item: Body | None = item_body(self.outline, self.mesh, settings) if state.item.is_rigid else None
+        self.simulation = Simulation(
+            plate=self.plate,
+            mesh=None if self.item else self.mesh,
+            samples=None if self.item else item_samples(self.outline, self.mesh, settings),
+            bodies=[self.item, *box_bodies] if self.item else box_bodies,
+            rigid_item=self.item is not None,
+            worlds=worlds,
+            settings=settings,
+            device=device,
+        )
+        self._box_points = [
+            box.position + body.samples.points @ box.rotation.T
+            for box, body in zip(self.boxes, box_bodies, strict=True)
+        ]
+        self._canvas = raster.Canvas(self.simulation, self.outline, self.mesh, self.item, state.grid, self.plate)
+        self._before = self._canvas.draw_scene(self._poses(np.zeros((worlds, 3))))[0]
+
+    def run(self, actions: NDArray[np.float64], *, check: Callable[[], None] | None = None) -> Placed:
+        """Place the item at up to ``worlds`` actions ``(B, 2)`` [m].
+
+        Raises:
+            RequestError: An action puts the item's centre off the grid.
+        """
+        half_x, half_y = self.state.grid.half_extent
+        if (np.abs(actions) > (half_x, half_y)).any():
+            raise RequestError(
+                f"expected actions on the grid of {half_x:g} x {half_y:g} m about its centre, got {actions}"
+            )
+        filled = actions[np.minimum(np.arange(self.count), len(actions) - 1)]
+        shifts = np.column_stack([filled, [self.start_height(action) for action in filled]])
+        nodes = np.zeros((self.count, 0, 3)) if self.item else self.mesh.positions + shifts[:, None, :]
+        self.simulation.place(
+            nodes,
+            *self._poses(shifts),
+            tray=shifts[:, 2],
+            item_velocity=-self.settings.tray_speed,
+        )
+        outcome = self.simulation.run(check=check)
+        after = self._canvas.draw()
+        count = len(actions)
+        heights = np.where(np.abs(after - self._before) < UNCHANGED, self.state.scene.heights, after)
+        return Placed(heights[:count], outcome.settled[:count], outcome.speed[:count], outcome.time[:count], outcome)
+
+    def start_height(self, action: NDArray[np.float64]) -> float:
+        """Return the height from which the tray lowers the item: just above the highest thing below it [m]."""
+        ground = self.outline.centres + action
+        spread = self.outline.pixel / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        radius = np.linalg.norm(ground[:, None, :] + spread, axis=2)
+        highest = float(self.plate.height(radius).max())
+        for points in self._box_points:
+            around = points[:, None, :2] - action + np.concatenate([[[0.0, 0.0]], 2 * spread])
+            below = self.outline.locate(around.reshape(-1, 2))[2].reshape(len(points), -1).any(axis=1)
+            if below.any():
+                highest = max(highest, float(points[below, 2].max()) + raster.ROUNDING)
+        return highest
+
+    def _poses(self, shifts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return positions ``(W, M, 3)`` [m] and orientations ``(W, M, 4)`` of item, if rigid, and boxes."""
+        positions = np.array([box.position for box in self.boxes]).reshape(-1, 3)
+        orientations = np.array([box.orientation for box in self.boxes]).reshape(-1, 4)
+        positions = np.repeat(positions[None], self.count, axis=0)
+        orientations = np.repeat(orientations[None], self.count, axis=0)
+        if self.item is not None:
+            own = (self.item.centre + shifts)[:, None, :]
+            upright = np.tile([0.0, 0.0, 0.0, 1.0], (self.count, 1, 1))
+            positions = np.concatenate([own, positions], axis=1)
+            orientations = np.concatenate([upright, orientations], axis=1)
+        return positions, orientations

@@ -8,13 +8,16 @@ from common.domain.bodies import ROUNDING, Bodies, Box, Material, Plate
 from common.domain.errors import ModelError
 from common.domain.grid import Grid
 from common.domain.scene import Scene
-from services.simulator.perception_boxes import Array, View, axes, fit_boxes, overlaps, soft_tops, stretch_box
+from services.simulator.perception_boxes import Array, axes, overlaps, soft_tops
+from services.simulator.perception_fit import View, fit_boxes, stretch_box
 from services.simulator.perception_plate import fit_plate
 from services.simulator.perception_search import guess_boxes
 
 MOST_BOXES = 40
 EXPLAINED = 2.5e-3
 """A cell is explained where the boxes' surface is this near, or where an edge passes by [m]."""
+MOST_FAILURES = 3
+"""A search ends after so many guesses that did not fit once they had been fitted."""
 LEAST_SCORE = 9.0
 LEAST_GAIN = 3e-7
 """A box is needed where it explains at least this volume, about a twentieth of a fry [m3]."""
@@ -56,8 +59,8 @@ def _find_boxes(scene: Scene, ground: Array, piece: NDArray[np.bool_]) -> Array:
     view = View(_points(grid, region), heights[region], ground[region], grid.cell)
     boxes, untried = np.zeros((0, 8)), np.ones(len(guesses.boxes), dtype=bool)
     for _ in range(2):
-        surfaces = _surfaces(boxes, view)
-        while len(boxes) < MOST_BOXES and untried.any():
+        surfaces, failures = _surfaces(boxes, view), 0
+        while len(boxes) < MOST_BOXES and failures < MOST_FAILURES and untried.any():
             unexplained = np.zeros(grid.shape, dtype=bool)
             unexplained[region] = ~_explained(surfaces, view)
             index, score = guesses.best((unexplained & piece).ravel(), untried)
@@ -70,6 +73,8 @@ def _find_boxes(scene: Scene, ground: Array, piece: NDArray[np.bool_]) -> Array:
             if _misfit(new[:0], nearby) - _misfit(new, nearby) > LEAST_GAIN:
                 boxes = np.concatenate([boxes, new])
                 surfaces = np.maximum(surfaces, _surfaces(new, view))
+            else:
+                failures += 1
         if len(boxes):
             boxes = _needed(fit_boxes(boxes, view, blur=1.2, iterations=10), view)
     return boxes
@@ -94,7 +99,7 @@ def _misfit(boxes: Array, view: View) -> float:
 def _needed(boxes: Array, view: View) -> Array:
     """Drop, one by one, boxes without which the heightmap is explained as well, or nearly so inside another box."""
     while len(boxes):
-        tops = np.vstack([view.ground, soft_tops(boxes, view.points, view.ground, view.cell)])
+        tops = np.vstack([view.ground, view.tops(boxes)])
         surfaces = [np.delete(tops, index, axis=0).max(axis=0) for index in range(1, len(tops))]
         gains = np.abs(np.array(surfaces) - view.heights).sum(axis=1) * view.cell**2 - _misfit(boxes, view)
         gains /= np.where(overlaps(boxes) > MOST_OVERLAP, 10, 1)

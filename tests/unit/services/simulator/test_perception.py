@@ -9,7 +9,7 @@ from common.domain.grid import Grid
 from common.domain.scene import Scene
 from common.tasks.plating import dinner_plate, render_scene
 from services.simulator.perception import find_bodies
-from services.simulator.perception_boxes import STEPS, axes, soft_tops
+from services.simulator.perception_boxes import axes, soft_tops
 
 POTATO = Material(550, 1e6, 0.3)
 SIZE = (0.060, 0.010, 0.010)
@@ -153,7 +153,7 @@ def test_soft_tops_are_the_real_tops_away_from_the_edges():
 
 
 def test_axes_are_right_handed_and_orthonormal_with_the_slopes_asked_for():
-    rows = np.random.default_rng(0).normal(size=(50, 8)) * STEPS * 50
+    rows = np.random.default_rng(0).normal(size=(50, 8)) * 0.3
     frames = axes(rows)
     assert frames @ np.swapaxes(frames, -1, -2) == pytest.approx(np.broadcast_to(np.eye(3), frames.shape), abs=1e-12)
     assert np.linalg.det(frames) == pytest.approx(np.ones(50))

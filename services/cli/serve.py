@@ -59,10 +59,11 @@ def heuristic(*, instance: str, task: str) -> None:
 @TASK
 def simulator(*, instance: str, task: str) -> None:
     """Serve the simulator; its kernels are compiled before it joins."""
-    from services.simulator.model import SimulatorModel, warm
+    from services.simulator.model import SimulatorModel
 
-    warm()
-    _serve_model(SimulatorModel(), instance=instance, task=task)
+    served = SimulatorModel()
+    served.warm()
+    _serve_model(served, instance=instance, task=task)
 
 
 @serve.command()

@@ -18,9 +18,9 @@ def warm() -> None:
 
 def compile_kernels() -> None:
     """Compile or load all kernels and say how long it took."""
-    from services.simulator.model import warm as warm_kernels
+    from services.simulator.model import SimulatorModel
 
     start = time.perf_counter()
     say("loading the simulator's kernels (compiled the first time, about 15 s)")
-    warm_kernels()
+    SimulatorModel().warm()
     say(f"kernels ready after {time.perf_counter() - start:.1f} s")

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.system
 MODULES = {
     "router": {"zenoh"},
     "heuristic": {"zenoh"},
-    "orchestrator": {"zenoh", "scipy"},
+    "orchestrator": {"zenoh"},
     "simulator": {"zenoh", "scipy", "warp"},
 }
 """Service -> those of zenoh, scipy, warp, torch, matplotlib and pytest that its image holds, and no more."""

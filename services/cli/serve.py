@@ -113,6 +113,6 @@ def _serve_model(served: PredictiveModel, *, instance: str, task: str) -> None:
 
 
 def _stop_at_eof() -> None:
-    while sys.stdin.buffer.read(4096):
+    while os.read(0, 4096):  # the buffered reader would hold its lock when the interpreter ends
         pass
     os.kill(os.getpid(), signal.SIGTERM)

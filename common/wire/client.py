@@ -1,6 +1,7 @@
 """What a person's or a robot's side of the protocol needs: optimise, follow, look around."""
 
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import zenoh
 import zenoh.ext
 
-from common.domain.errors import RequestError, UnavailableError
+from common.domain.errors import CancelledError, RequestError, TimedOutError, UnavailableError
 from common.wire.codec import Message, decode
 from common.wire.keys import Address, alias, every_live, every_orchestrator, every_worker, parse_address
 from common.wire.messages import Card, Health, OptimizeReply, OptimizeRequest, Progress
@@ -18,6 +19,7 @@ from common.wire.session import is_connected
 
 LONGEST_S = 24 * 3600.0
 LOOK_S = 1.0
+LAST_STEP_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,22 @@ def optimize(
     try:
         if on_progress is None:
             return ask_once()
-        with follow_progress(session, on_progress, task=request.task, request_id=request.id):
-            return ask_once()
+        last_step = threading.Event()
+
+        def step(progress: Progress) -> None:
+            on_progress(progress)
+            if progress.kind in ("finished", "failed"):
+                last_step.set()
+
+        with follow_progress(session, step, task=request.task, request_id=request.id):
+            reply = ask_once()
+            last_step.wait(LAST_STEP_S)
+            return reply
     except NoReplyError:
         raise UnavailableError(
             f"expected an orchestrator behind {key}, got no reply: none is alive, it stopped, or access was denied"
         ) from None
-    except BaseException:
+    except (CancelledError, TimedOutError, KeyboardInterrupt):
         cancel_optimization(session, task=request.task, request_id=request.id)
         raise
 

@@ -3,8 +3,7 @@
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import zenoh
@@ -63,6 +62,7 @@ class Directory:
         self.task = task
         self._entries: dict[Address, _Entry] = {}
         self._meters: dict[tuple[Role, str | None], CostMeter] = {}
+        self._lost = -1e9
         self._callbacks: list[Callable[[Event], None]] = []
         self._changed = threading.Condition(threading.RLock())
         self._subscriber = session.liveliness().declare_subscriber(every_live(task), self._on_token, history=True)
@@ -113,8 +113,11 @@ class Directory:
         with self._changed:
             self._changed.wait(timeout_s)
 
-    def choose(self, role: Role, model: str | None, *, exclude: Collection[Address] = ()) -> Address | None:
-        """Return the least loaded live worker that is not excluded, a suspect only if there is no other."""
+    def claim(self, role: Role, model: str | None, *, exclude: Collection[Address] = ()) -> Address | None:
+        """Return the least loaded live worker that is not excluded, a suspect only if there is no other.
+
+        The worker counts as called until `release`.
+        """
         now = time.monotonic()
         with self._changed:
             found = [
@@ -123,22 +126,18 @@ class Directory:
                 if (entry.address.role, entry.address.model) == (role, model) and entry.address not in exclude
             ]
             best = min(found, key=lambda entry: _rank(entry, now), default=None)
-            return best and best.address
+            if best is None:
+                return None
+            best.in_flight += 1
+            best.calls += 1
+            return best.address
 
-    @contextmanager
-    def calling(self, address: Address) -> Iterator[None]:
-        """Count a call to a worker while it is under way."""
+    def release(self, address: Address) -> None:
+        """End a call that began with `claim`."""
         with self._changed:
             entry = self._entries.get(address)
             if entry is not None:
-                entry.in_flight += 1
-                entry.calls += 1
-        try:
-            yield
-        finally:
-            if entry is not None:
-                with self._changed:
-                    entry.in_flight -= 1
+                entry.in_flight = max(0, entry.in_flight - 1)
 
     def holds(self, address: Address, digest: str) -> bool:
         """Return whether a worker was sent this state."""
@@ -194,13 +193,21 @@ class Directory:
 
     def is_partitioned(self) -> bool:
         """Return whether this process has lost its router, so that silence says nothing about the workers."""
-        return not is_connected(self.session)
+        if is_connected(self.session):
+            return False
+        self._lost = time.monotonic()
+        return True
+
+    def was_partitioned(self, within_s: float) -> bool:
+        """Return whether the router was lost in the last ``within_s`` [s]: workers need some time to come back."""
+        return self.is_partitioned() or time.monotonic() - self._lost < within_s
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         try:
             address, _ = parse_address(str(sample.key_expr))
         except RequestError:
             return
+        self.is_partitioned()
         with self._changed:
             is_new = address not in self._entries
             if sample.kind == zenoh.SampleKind.PUT:

@@ -24,7 +24,7 @@ from common.wire.keys import Address, Role
 from common.wire.messages import StateRequest
 from common.wire.query import NoReplyError, ask, never
 
-PATIENCE_S = 1.5
+PATIENCE_S = 1.0
 PARTITION_S = 4.0
 SILENCES = 5
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.5
@@ -119,8 +119,7 @@ class _Dispatch(Generic[Message]):
         while True:
             address = self._next()
             try:
-                with self.directory.calling(address):
-                    reply = self._ask(address)
+                reply = self._ask(address)
             except BusyError as error:
                 self.busy.add(address)
                 self._note("busy", address, error)
@@ -132,24 +131,27 @@ class _Dispatch(Generic[Message]):
                 self._fail("model_error", address, error)
             else:
                 return Answer(reply, address, time.monotonic() - self.began, tuple(self.events))
+            finally:
+                self.directory.release(address)
 
     def _next(self) -> Address:
-        """Return whom to ask now; wait if somebody may still come."""
+        """Claim whom to ask now; wait if somebody may still come."""
         role, model = self.question.role, self.question.model
         nobody_since: float | None = None
         while True:
             self._check_limits()
-            address = self.directory.choose(role, model, exclude={*self.failed, *self.silent, *self.busy})
-            if address is not None:
-                return address
-            if self.failed and not self.busy:
-                raise next(iter(self.failed.values()))
-            if self.busy:
-                self._pause()
-                continue
+            if not self.directory.is_partitioned():
+                address = self.directory.claim(role, model, exclude={*self.failed, *self.silent, *self.busy})
+                if address is not None:
+                    return address
+                if self.busy:
+                    self._pause()
+                    continue
+                if self.failed:
+                    raise next(iter(self.failed.values()))
             now = time.monotonic()
             nobody_since = nobody_since or now
-            patience_s = PARTITION_S if self.directory.is_partitioned() else PATIENCE_S
+            patience_s = PARTITION_S if self.directory.was_partitioned(PARTITION_S) else PATIENCE_S
             if now - nobody_since >= patience_s or self.silences >= SILENCES:
                 raise UnavailableError(self._who_is_missing())
             self.directory.wait_for_change(0.05)

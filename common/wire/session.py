@@ -2,6 +2,7 @@
 
 import json
 import logging
+import queue
 import signal
 import threading
 import time
@@ -104,6 +105,14 @@ def insert(config: zenoh.Config, key: str, value: object) -> None:
 def stop_on_signals() -> threading.Event:
     """Return an event that SIGTERM and SIGINT set. Call it in the main thread."""
     stop = threading.Event()
+    signals: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def set_stop() -> None:
+        signals.get()
+        stop.set()
+
+    # A handler that sets the event itself can wait for ever for a lock that the main thread holds in `Event.wait`.
+    threading.Thread(target=set_stop, name="signals", daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *_: signals.put(None))
     return stop

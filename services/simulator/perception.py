@@ -9,6 +9,7 @@ from common.domain.errors import ModelError
 from common.domain.grid import Grid
 from common.domain.scene import Scene
 from services.simulator.perception_boxes import Array, axes, overlaps, soft_tops
+from services.simulator.perception_contact import rest_thicknesses
 from services.simulator.perception_fit import View, fit_boxes, stretch_box
 from services.simulator.perception_plate import fit_plate
 from services.simulator.perception_search import guess_boxes
@@ -117,9 +118,9 @@ def _as_boxes(scene: Scene, plate: Plate, boxes: Array) -> list[Box]:
     tops = soft_tops(boxes, points, low, scene.grid.cell)
     highest = tops.argmax(axis=0)
     found: list[Box] = []
-    for index, (box, frame) in enumerate(zip(boxes, axes(boxes), strict=True)):
+    thicknesses = rest_thicknesses(boxes, plate)
+    for index, (box, frame, thickness) in enumerate(zip(boxes, axes(boxes), thicknesses, strict=True)):
         length, width = np.maximum(box[6:], 4 * ROUNDING)
-        thickness = _thickness(box, frame, plate, width)
         nearest = np.hypot(*(points - box[:2]).T).argmin()
         visible = (highest == index) & (tops[index] > low)
         density, modulus, ratio = np.median(materials[:, visible if visible.any() else [nearest]], axis=1)
@@ -132,15 +133,6 @@ def _as_boxes(scene: Scene, plate: Plate, boxes: Array) -> list[Box]:
             )
         )
     return found
-
-
-def _thickness(box: Array, frame: Array, plate: Plate, width: float) -> float:
-    """Return the distance from the upper face down to the plate where that is about the width, else the width [m]."""
-    along, across = np.meshgrid(np.linspace(-0.5, 0.5, 13) * box[6], np.linspace(-0.5, 0.5, 3) * width)
-    face = box[:3] + along[..., None] * frame[0] + across[..., None] * frame[1]
-    below = face - frame[2] * width
-    gap = float((face[..., 2] - plate.height(np.hypot(below[..., 0], below[..., 1]))).min() * frame[2, 2])
-    return gap if 0.75 * width < gap < 1.25 * width else width
 
 
 def _points(grid: Grid, mask: NDArray[np.bool_]) -> Array:

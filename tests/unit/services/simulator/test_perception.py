@@ -158,3 +158,10 @@ def test_axes_are_right_handed_and_orthonormal_with_the_slopes_asked_for():
     assert frames @ np.swapaxes(frames, -1, -2) == pytest.approx(np.broadcast_to(np.eye(3), frames.shape), abs=1e-12)
     assert np.linalg.det(frames) == pytest.approx(np.ones(50))
     assert frames[:, 0, 2] / np.hypot(frames[:, 0, 0], frames[:, 0, 1]) == pytest.approx(rows[:, 4])
+
+
+def test_a_flat_fry_on_another_is_as_thick_as_the_gap_it_fills():
+    lower, upper = a_fry(0.01, 0, 0.005, 0.3), a_fry(0.012, 0.002, 0.01455, 1.5, size=(0.060, 0.010, 0.0091))
+    found = find_bodies(seen(lower, upper))
+    assert_found(found, [lower, upper], metres=1.5e-3)
+    assert sorted(box.size[2] for box in found.boxes) == pytest.approx([0.0091, 0.010], abs=2e-4)

@@ -2,7 +2,7 @@
 
 import json
 import logging
-import queue
+import os
 import signal
 import threading
 import time
@@ -103,16 +103,23 @@ def insert(config: zenoh.Config, key: str, value: object) -> None:
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that SIGTERM and SIGINT set. Call it in the main thread."""
+    """Return an event that SIGTERM and SIGINT set. Call it in the main thread.
+
+    A thread of its own sets it: Python's handlers run in the main thread, where one can come too late to end a wait
+    that is about to begin, or find the event's lock taken.
+    """
     stop = threading.Event()
-    signals: queue.SimpleQueue[None] = queue.SimpleQueue()
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    numbers = (signal.SIGTERM, signal.SIGINT)
 
     def set_stop() -> None:
-        signals.get()
+        while os.read(reader, 1)[0] not in numbers:
+            pass
         stop.set()
 
-    # A handler that sets the event itself can wait for ever for a lock that the main thread holds in `Event.wait`.
     threading.Thread(target=set_stop, name="signals", daemon=True).start()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: signals.put(None))
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    for number in numbers:
+        signal.signal(number, lambda *_: None)
     return stop

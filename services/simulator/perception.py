@@ -10,7 +10,7 @@ from common.domain.grid import Grid
 from common.domain.scene import Scene
 from services.simulator.perception_boxes import Array, axes, overlaps, soft_tops
 from services.simulator.perception_contact import rest_thicknesses
-from services.simulator.perception_fit import View, fit_boxes, stretch_box
+from services.simulator.perception_fit import View, fit_boxes, level_boxes, stretch_box
 from services.simulator.perception_plate import fit_plate
 from services.simulator.perception_search import guess_boxes
 
@@ -77,7 +77,7 @@ def _find_boxes(scene: Scene, ground: Array, piece: NDArray[np.bool_]) -> Array:
             else:
                 failures += 1
         if len(boxes):
-            boxes = _needed(fit_boxes(boxes, view, blur=1.2, iterations=10), view)
+            boxes = _needed(level_boxes(fit_boxes(boxes, view, blur=1.2, iterations=8), view), view)
     return boxes
 
 

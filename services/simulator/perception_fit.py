@@ -13,6 +13,11 @@ PRIOR_WIDTH = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 0.15, 0.008, 0.0007
 PRIOR_WEIGHT = 0.5
 MARGIN = 0.011
 """How far around a first guess the cells are looked at [m]."""
+INSIDE = 2e-3
+"""Distance from the edges at which a cell surely shows the plane of the upper face [m]."""
+FEWEST_CELLS = 10
+PLANE_NOISE = 2e-4
+"""Noise of such a cell, against which the priors are weighed [m]."""
 HUBER = 5e-3
 """Differences above this count linearly [m]: point samples beside an edge are off by the whole edge."""
 
@@ -93,6 +98,29 @@ def stretch_box(box: Array, view: View) -> Array:
     tops = np.maximum(soft_tops(candidates, view.points, view.ground, view.cell), view.ground)
     misfits = np.abs(tops - view.heights).sum(axis=1)
     return candidates[[int(misfits.argmin())]]
+
+
+def level_boxes(boxes: Array, view: View) -> Array:
+    """Fit the planes of the upper faces to the cells well inside them, which no edge blurs.
+
+    Cells off the plane, hidden by another box, are left out step by step; a box with too few cells stays as it is.
+    """
+    levelled = boxes.copy()
+    for box in levelled:
+        inside = close_to(box, view.points, margin=-INSIDE - np.abs(box[4:6]).max() * box[7])
+        offset, heights = view.points[inside] - box[:2], view.heights[inside]
+        cos, sin = np.cos(box[3]), np.sin(box[3])
+        design = np.column_stack([np.ones(len(offset)), offset @ (cos, sin), offset @ (-sin, cos)])
+        plane = box[[2, 4, 5]]
+        for threshold in (2e-3, 1e-3, 1e-3):
+            kept = np.abs(design @ plane - heights) < threshold
+            if kept.sum() < FEWEST_CELLS:
+                break
+            prior = np.diag([0.0, *(PLANE_NOISE / PRIOR_WIDTH[4:6]) ** 2])
+            plane = np.linalg.solve(design[kept].T @ design[kept] + prior, design[kept].T @ heights[kept])
+        else:
+            box[[2, 4, 5]] = plane
+    return levelled
 
 
 def _cost(boxes: Array, view: View, blur: float) -> float:

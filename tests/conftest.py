@@ -1,6 +1,7 @@
 """A router in a process of its own, sessions on it, and fake workers."""
 
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,6 +10,7 @@ import fakes
 import pytest
 
 from common.wire.directory import Directory
+from common.wire.keys import every_live
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 
@@ -45,9 +47,18 @@ def directory(session: Session) -> Iterator[Directory]:
 
 
 @pytest.fixture
-def start(endpoint: str, tmp_path: Path) -> Iterator[Start]:
+def start(endpoint: str, session: Session, tmp_path: Path) -> Iterator[Start]:
     """Return what starts a fake worker: kind, name, instance and optionally the queue's length."""
+    before = live(session)
     with ExitStack() as stack:
         yield lambda *arguments: stack.enter_context(
             fakes.running(*map(str, arguments), endpoint=endpoint, log=tmp_path / "log")
         )
+    while live(session) - before:
+        time.sleep(0.01)
+
+
+def live(session: Session) -> set[str]:
+    """Return the liveliness tokens of all workers."""
+    replies = session.liveliness().get(every_live("*"), timeout=10)
+    return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}

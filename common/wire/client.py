@@ -20,6 +20,9 @@ from common.wire.session import is_connected
 LONGEST_S = 24 * 3600.0
 LOOK_S = 1.0
 LAST_STEP_S = 5.0
+RETRIES = 5
+HEARD_S = 0.5
+RETURN_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,9 @@ def optimize(
 ) -> OptimizeReply:
     """Ask any orchestrator of the request's task for the best action.
 
-    If the caller goes, by ``cancelled``, the timeout or an interrupt, the orchestrator is told to stop.
+    If the connection breaks, the same request is sent again: the orchestrator that works on it, or has the answer by
+    now, answers without paying for an evaluation twice. If the caller goes, by ``cancelled``, the timeout or an
+    interrupt, the orchestrator is told to stop.
 
     Args:
         session: A client session.
@@ -56,13 +61,26 @@ def optimize(
         TimedOutError, CancelledError, ModelError: As their names say.
     """
     key = alias(request.task, "optimize")
+    deadline = time.monotonic() + (timeout_s or LONGEST_S)
 
     def ask_once() -> OptimizeReply:
-        return ask(session, key, request, OptimizeReply, timeout_s=timeout_s or LONGEST_S, cancelled=cancelled)
+        left = deadline - time.monotonic()
+        return ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
+
+    def ask_until_answered() -> OptimizeReply:
+        for _ in range(RETRIES):
+            began = time.monotonic()
+            try:
+                return ask_once()
+            except NoReplyError:
+                was_heard = time.monotonic() - began > HEARD_S
+                if not _returns(session, request.task, patience_s=RETURN_S if was_heard else 0.0, cancelled=cancelled):
+                    raise
+        return ask_once()
 
     try:
         if on_progress is None:
-            return ask_once()
+            return ask_until_answered()
         last_step = threading.Event()
 
         def step(progress: Progress) -> None:
@@ -71,7 +89,7 @@ def optimize(
                 last_step.set()
 
         with follow_progress(session, step, task=request.task, request_id=request.id):
-            reply = ask_once()
+            reply = ask_until_answered()
             last_step.wait(LAST_STEP_S)
             return reply
     except NoReplyError:
@@ -81,6 +99,20 @@ def optimize(
     except (CancelledError, TimedOutError, KeyboardInterrupt):
         cancel_optimization(session, task=request.task, request_id=request.id)
         raise
+
+
+def _returns(session: zenoh.Session, task: str, *, patience_s: float, cancelled: Callable[[], bool]) -> bool:
+    """Return whether an orchestrator is alive, now or within ``patience_s`` [s]."""
+    deadline = time.monotonic() + patience_s
+    while not cancelled():
+        if is_connected(session):
+            replies = session.liveliness().get(every_orchestrator(task, "live"), timeout=LOOK_S)
+            if any(reply.ok is not None for reply in replies):
+                return True
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(0.1)
+    return False
 
 
 def cancel_optimization(session: zenoh.Session, *, task: str, request_id: str) -> None:
@@ -139,6 +171,9 @@ class _Order:
 def list_workers(session: zenoh.Session, *, task: str = "*", timeout_s: float = LOOK_S) -> tuple[WorkerStatus, ...]:
     """Return every live worker with its card and health, in the order of their addresses.
 
+    A worker is alive if its token or one of its answers says so: Zenoh now and then returns no tokens to a session
+    that has just subscribed to them, and a worker that hangs gives no answers.
+
     Raises:
         UnavailableError: The session has no router.
     """
@@ -158,7 +193,6 @@ def list_workers(session: zenoh.Session, *, task: str = "*", timeout_s: float = 
     return tuple(
         WorkerStatus(address, _read(leaves.get("card"), Card), _read(leaves.get("health"), Health))
         for address, leaves in sorted(found.items(), key=lambda item: item[0].prefix)
-        if "live" in leaves
     )
 
 

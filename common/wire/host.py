@@ -154,6 +154,8 @@ class Host:
     def _admit(self, endpoint: Endpoint, job: Job) -> Reply | None:
         request = job.read(endpoint.request)
         job.identity = endpoint.identity(request)
+        if self._joins(job):
+            return None
         known = self._replies.find(job.identity)
         if known is not None:
             return known
@@ -171,6 +173,17 @@ class Host:
                 del self._jobs[job]
                 raise BusyError(f"{self.address.worker}: {self._queue.maxsize} requests are waiting already") from None
         return None
+
+    def _joins(self, job: Job) -> bool:
+        """Return whether the same request is in progress; then its answer goes to this query as well."""
+        if job.identity is None:
+            return False
+        with self._lock:
+            for other in self._jobs:
+                if other.identity == job.identity:
+                    other.followers.append(job)
+                    return True
+        return False
 
     def _work(self) -> None:
         while (job := self._queue.get()) is not None:
@@ -204,13 +217,15 @@ class Host:
         return failure
 
     def _end(self, job: Job, outcome: Reply | FrugalError) -> None:
-        if isinstance(outcome, FrugalError):
-            first = job.answer(ErrorReply.of(outcome), is_error=True)
-        else:
-            first = job.answer(outcome, is_error=False)
         with self._lock:
             call = self._jobs.pop(job, None)
-            if first and isinstance(outcome, Reply):
+        is_error = isinstance(outcome, FrugalError)
+        reply = ErrorReply.of(outcome) if isinstance(outcome, FrugalError) else outcome
+        first = job.answer(reply, is_error=is_error)
+        for follower in job.followers:
+            follower.answer(reply, is_error=is_error)
+        with self._lock:
+            if first and not is_error:
                 self._served += 1
             elif first and isinstance(outcome, ModelError):
                 self._failed += 1

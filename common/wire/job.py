@@ -26,6 +26,7 @@ class Job:
         compute: Computes the reply.
         identity: What makes another request the same one.
         begun: When the computation began, on the monotonic clock [s]; None while it waits.
+        followers: The same request asked again meanwhile; they get the same answer.
     """
 
     def __init__(self, query: zenoh.Query, key: str) -> None:
@@ -35,6 +36,7 @@ class Job:
         self.compute: Callable[[], Reply] | None = None
         self.identity: Hashable | None = None
         self.begun: float | None = None
+        self.followers: list[Job] = []
         self._query = query
         self._ended = False
         self._lock = threading.Lock()

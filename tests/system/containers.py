@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,7 +36,10 @@ class Container:
 
 @dataclass(frozen=True)
 class Containers:
-    """One Compose project; every command that fails says so with the logs of the services that are not well."""
+    """One Compose project; every command that fails says so with the logs of the services that are not well.
+
+    Lease and timeouts are long, so that a busy machine that stalls for seconds fails no test.
+    """
 
     project: str
     port: int
@@ -65,17 +70,25 @@ class Containers:
             for row in rows
         ]
 
-    def report(self) -> str:
-        """Return the state of all services and the last words of those that are not well."""
+    def report(self, *, all_logs: bool = False) -> str:
+        """Return the state of all services and the last words of those that are not well, or of all."""
         lines: list[str] = []
         for container in self.list():
             what = f"{container.state}, exit code {container.exit_code}, health: {container.health or 'none'}"
             lines.append(f"{container.name}: {what}")
-            if not container.is_well:
+            if all_logs or not container.is_well:
                 logs = self._run("docker", "logs", "--tail", "40", container.id, timeout_s=60)
                 probe = self._run("docker", "inspect", "--format", "{{json .State.Health}}", container.id, timeout_s=60)
                 lines += [logs.stdout, logs.stderr, f"health checks: {probe.stdout[-1500:]}"]
         return "\n".join(lines)
+
+    def wait_until(self, is_so: Callable[[], bool], *, timeout_s: float = 60.0) -> None:
+        """Return once ``is_so`` is true."""
+        deadline = time.monotonic() + timeout_s
+        while not is_so():
+            if time.monotonic() > deadline:
+                raise ContainersError(f"not so after {timeout_s:g} s\n{self.report(all_logs=True)}")
+            time.sleep(0.2)
 
     def docker(self, *arguments: str) -> str:
         """Run `docker` and return its standard output."""
@@ -89,7 +102,8 @@ class Containers:
         done = self._run(sys.executable, "-m", "services.cli.main", *arguments, "--json", timeout_s=300)
         if done.returncode != 0:
             command = " ".join(arguments)
-            raise ContainersError(f"frugal {command}: exit code {done.returncode}\n{done.stderr}\n{self.report()}")
+            report = self.report(all_logs=True)
+            raise ContainersError(f"frugal {command}: exit code {done.returncode}\n{done.stderr}\n{report}")
         return json.loads(done.stdout)
 
     def _run(self, *command: str, timeout_s: float) -> subprocess.CompletedProcess[str]:
@@ -98,5 +112,7 @@ class Containers:
             "COMPOSE_PROJECT_NAME": self.project,
             "FRUGAL_PORT": str(self.port),
             "FRUGAL_CONNECT": f"tcp/127.0.0.1:{self.port}",
+            "FRUGAL_LEASE_S": "30",
+            "FRUGAL_ORCHESTRATOR_PREDICT_TIMEOUT_S": "120",
         }
         return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout_s)

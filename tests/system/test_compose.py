@@ -3,7 +3,6 @@
 import hashlib
 import json
 import socket
-import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,9 +49,14 @@ def optimize(containers: Containers, out: Path, *options: str) -> tuple[Any, lis
     return result, [json.loads(line) for line in (out / "trials.jsonl").read_text().splitlines()]
 
 
-def hosts(workers: list[Any]) -> set[str]:
+def workers(containers: Containers, model: str) -> list[Any]:
+    """Return the live workers of a model."""
+    return [worker for worker in containers.frugal("workers") if worker["model"] == model]
+
+
+def hosts(found: list[Any]) -> set[str]:
     """Return the host names in the instances' names of workers or trials, ``<host>-<process number>``."""
-    return {worker["instance"].rpartition("-")[0] for worker in workers}
+    return {each["instance"].rpartition("-")[0] for each in found}
 
 
 def running(containers: Containers, service: str) -> set[str]:
@@ -89,21 +93,19 @@ def test_the_orchestrator_uses_as_many_simulators_as_there_are(
     containers: Containers, tmp_path: Path, replicas: int
 ) -> None:
     containers.up("--scale", f"simulator={replicas}")
-    live = [worker for worker in containers.frugal("workers") if worker["model"] == "simulator"]
-    result, trials = optimize(containers, tmp_path, "--evaluations", "8", "--in-flight", "4")
-    assert result["usage"] == {"simulator": 8}
-    assert len(live) == replicas
-    assert hosts(live) == hosts(trials) == running(containers, "simulator")
+    simulators = running(containers, "simulator")
+    assert len(simulators) == replicas
+    containers.wait_until(lambda: hosts(workers(containers, "simulator")) == simulators)
+    result, trials = optimize(containers, tmp_path, "--evaluations", "4", "--in-flight", "2")
+    assert result["usage"] == {"simulator": 4}
+    assert hosts(trials) == simulators
 
 
 def test_a_worker_that_crashes_is_back_and_serves(containers: Containers, tmp_path: Path) -> None:
     kill_all_but_init = "import os, signal; os.kill(-1, signal.SIGKILL)"
     containers.compose("exec", "--detach", "heuristic", "python", "-c", kill_all_but_init)
     (crashed,) = (container.id for container in containers.list() if container.service == "heuristic")
-    deadline = time.monotonic() + 60
-    while containers.docker("inspect", "--format", "{{.RestartCount}}", crashed).strip() == "0":
-        assert time.monotonic() < deadline, containers.report()
-        time.sleep(0.2)
+    containers.wait_until(lambda: int(containers.docker("inspect", "--format", "{{.RestartCount}}", crashed)) > 0)
     containers.up()
     result, _ = optimize(containers, tmp_path, "--evaluations", "5", "--strategy", "only:heuristic")
     assert result["usage"] == {"heuristic": 5}

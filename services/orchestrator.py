@@ -84,6 +84,7 @@ class Orchestrator:
             request=OptimizeRequest,
             handler=self.handle,
             prepare=self.prepare,
+            identity=lambda request: request,
             alias=alias("*", "optimize"),
             unique_ids=True,
         )

@@ -63,11 +63,26 @@ def optimize(
     key = alias(request.task, "optimize")
     deadline = time.monotonic() + (timeout_s or LONGEST_S)
 
+    last_step = threading.Event()
+
+    def step(progress: Progress) -> None:
+        if on_progress is not None:
+            on_progress(progress)
+        if progress.kind in ("finished", "failed"):
+            last_step.set()
+
+    order = _Order(step)
+
     def ask_once() -> OptimizeReply:
         left = deadline - time.monotonic()
-        return ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
+        if on_progress is None:
+            return ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
+        with _following(session, order, task=request.task, request_id=request.id):
+            reply = ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
+            last_step.wait(LAST_STEP_S)
+            return reply
 
-    def ask_until_answered() -> OptimizeReply:
+    try:
         for _ in range(RETRIES):
             began = time.monotonic()
             try:
@@ -77,21 +92,6 @@ def optimize(
                 if not _returns(session, request.task, patience_s=RETURN_S if was_heard else 0.0, cancelled=cancelled):
                     raise
         return ask_once()
-
-    try:
-        if on_progress is None:
-            return ask_until_answered()
-        last_step = threading.Event()
-
-        def step(progress: Progress) -> None:
-            on_progress(progress)
-            if progress.kind in ("finished", "failed"):
-                last_step.set()
-
-        with follow_progress(session, step, task=request.task, request_id=request.id):
-            reply = ask_until_answered()
-            last_step.wait(LAST_STEP_S)
-            return reply
     except NoReplyError:
         raise UnavailableError(
             f"expected an orchestrator behind {key}, got no reply: none is alive, it stopped, or access was denied"
@@ -133,7 +133,12 @@ def follow_progress(
 
     Steps of one optimisation come once each and in the order of their index.
     """
-    order = _Order(on_progress)
+    with _following(session, _Order(on_progress), task=task, request_id=request_id):
+        yield
+
+
+@contextmanager
+def _following(session: zenoh.Session, order: "_Order", *, task: str, request_id: str) -> Iterator[None]:
     subscriber = zenoh.ext.declare_advanced_subscriber(
         session,
         every_orchestrator(task, f"progress/{request_id}"),
@@ -153,6 +158,7 @@ class _Order:
         self._on_progress = on_progress
         self._next: dict[str, int] = {}
         self._early: dict[tuple[str, int], Progress] = {}
+        self._lock = threading.Lock()
 
     def __call__(self, sample: zenoh.Sample) -> None:
         try:
@@ -160,12 +166,14 @@ class _Order:
         except RequestError:
             return
         key = str(sample.key_expr)
-        self._early[key, progress.index] = progress
-        due = self._next.get(key, 0)
-        while (ready := self._early.pop((key, due), None)) is not None:
-            due += 1
-            self._on_progress(ready)
-        self._next[key] = due
+        with self._lock:
+            due = self._next.get(key, 0)
+            if progress.index >= due:
+                self._early[key, progress.index] = progress
+            while (ready := self._early.pop((key, due), None)) is not None:
+                due += 1
+                self._on_progress(ready)
+            self._next[key] = due
 
 
 def list_workers(session: zenoh.Session, *, task: str = "*", timeout_s: float = LOOK_S) -> tuple[WorkerStatus, ...]:

@@ -26,7 +26,7 @@ class WireSettings(BaseSettings):
     connect: Endpoints = ("tcp/127.0.0.1:7447",)
     listen: Endpoints = ("tcp/127.0.0.1:7447",)
     zenoh_config: Path | None = None
-    lease_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0
+    lease_s: Annotated[float, Field(ge=0.5, le=60)] = 5.0
     shared_memory: bool = False
     grace_s: Annotated[float, Field(ge=0, le=600)] = 5.0
 

@@ -36,7 +36,7 @@ class System:
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self.log = folder / "processes.log"
         self.endpoint = free_endpoint()
-        stack.enter_context(running("router", endpoint=self.endpoint, log=self.log))
+        self.router = stack.enter_context(running("router", endpoint=self.endpoint, log=self.log))
         stack.enter_context(serving("orchestrator", "--instance", "o", endpoint=self.endpoint, log=self.log))
         self.session: Session = stack.enter_context(open_session(WireSettings(connect=(self.endpoint,)), wait_s=20))
         self.workers = ExitStack()
@@ -237,3 +237,23 @@ def test_several_optimisations_run_at_once(system: System):
     assert [result.seed for result in results] == [0, 1, 2]
     kinds = [step.kind for step in steps if step.kind in ("accepted", "finished")]
     assert kinds == ["accepted"] * 3 + ["finished"] * 3
+
+
+def test_an_optimisation_outlives_the_loss_of_its_connections(tmp_path: Path):
+    with ExitStack() as stack:
+        system = System(stack, tmp_path)
+        stack.enter_context(system.workers)
+        system.start("slow", "a")
+        steps: list[Progress] = []
+
+        def on_progress(step: Progress) -> None:
+            steps.append(step)
+            if sum(step.kind == "trial" for step in steps) == 3 and system.router.poll() is None:
+                system.router.kill()
+                system.router.wait()
+                stack.enter_context(running("router", endpoint=system.endpoint, log=system.log))
+
+        result = system.optimize(on_progress=on_progress)
+        assert what(result.trials) == what(locally(in_flight=1).trials)
+        evaluated = [step.trial.index for step in steps if step.trial]
+        assert evaluated == list(range(EVALUATIONS))

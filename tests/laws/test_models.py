@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from services.simulator.model import SimulatorModel
 
 from common.domain.bodies import Bodies, Box, Material
 from common.domain.errors import RequestError
@@ -15,6 +14,7 @@ from common.domain.model import PredictiveModel
 from common.domain.scene import Item, State
 from common.tasks.plating import dinner_plate, render_scene
 from services.heuristic import HeuristicModel
+from services.simulator.model import SimulatorModel
 
 
 def fourth_model() -> PredictiveModel:

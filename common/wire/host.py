@@ -107,7 +107,7 @@ class Host:
             with suppress(queue.Full):
                 self._queue.put(None, timeout=0.2)
         for thread in self._threads:
-            thread.join(timeout=0.5)
+            thread.join(timeout=2.0)
         for queryable in self._queryables:
             queryable.undeclare()
         self._board.close()
@@ -204,6 +204,8 @@ class Host:
         job.begun = time.monotonic()
         try:
             reply = job.compute()
+            if not isinstance(reply, Reply):
+                raise TypeError(f"expected the handler to return a reply, got {type(reply).__name__}")
         except FrugalError as error:
             failure = error
         except Exception as error:
@@ -217,20 +219,20 @@ class Host:
         return failure
 
     def _end(self, job: Job, outcome: Reply | FrugalError) -> None:
+        if not job.claim():
+            return
         with self._lock:
             call = self._jobs.pop(job, None)
-        is_error = isinstance(outcome, FrugalError)
-        reply = ErrorReply.of(outcome) if isinstance(outcome, FrugalError) else outcome
-        first = job.answer(reply, is_error=is_error)
-        for follower in job.followers:
-            follower.answer(reply, is_error=is_error)
-        with self._lock:
-            if first and not is_error:
+            if isinstance(outcome, Reply):
                 self._served += 1
-            elif first and isinstance(outcome, ModelError):
+            elif isinstance(outcome, ModelError):
                 self._failed += 1
-            elif first:
+            else:
                 self._refused += 1
+        if isinstance(outcome, Reply):
+            job.answer(outcome)
+        else:
+            job.answer(ErrorReply.of(outcome), is_error=True)
         if call is not None:
             self._board.end(call.id)
 
@@ -248,11 +250,11 @@ class Host:
             call.cancel()
             if waiting.begun is None:
                 self._end(waiting, CancelledError("the request was taken back before it was computed"))
-        job.answer(CancelReply(id=request_id, found=bool(found)), is_error=False)
+        job.answer(CancelReply(id=request_id, found=bool(found)))
 
     def _tell(self, answer: Callable[[], BaseModel], query: zenoh.Query) -> None:
         leaf = "card" if answer == self.card else "health"
-        Job(query, self.address.key(leaf)).answer(answer(), is_error=False)
+        Job(query, self.address.key(leaf)).answer(answer())
 
     def _tell_metrics(self, query: zenoh.Query) -> None:
         text = exposition(self.address, self.health())

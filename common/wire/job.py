@@ -38,7 +38,7 @@ class Job:
         self.begun: float | None = None
         self.followers: list[Job] = []
         self._query = query
-        self._ended = False
+        self._is_claimed = False
         self._lock = threading.Lock()
 
     def read(self, message: type[Message]) -> Message:
@@ -74,32 +74,24 @@ class Job:
             raise RequestError(f"attachment: expected the remaining budget in seconds as text, got {data!r}")
         return budget_s
 
-    def answer(self, reply: BaseModel, *, is_error: bool) -> bool:
-        """Send the answer and let go of the query; only the first answer counts.
-
-        Returns:
-            Whether this was the first.
-        """
-        payload, encoding = encode(reply, form=self.form)
-        return self.answer_bytes(payload, encoding, is_error=is_error)
-
-    def answer_bytes(self, payload: bytes, encoding: str, *, is_error: bool = False) -> bool:
-        """Send a payload as the answer, as `answer` does."""
+    def claim(self) -> bool:
+        """Return True to the first caller, who has to answer, and False to all others."""
         with self._lock:
-            if self._ended:
-                return False
-            self._ended = True
-            try:
-                with self._query as query:
-                    if is_error:
-                        query.reply_err(payload, encoding=encoding)
-                    else:
-                        query.reply(self.key, payload, encoding=encoding)
-            except zenoh.ZError as error:
-                log.warning("%s: the answer could not be sent: %s", self.key, error)
-            return True
+            is_first, self._is_claimed = not self._is_claimed, True
+            return is_first
 
-    @property
-    def is_ended(self) -> bool:
-        """Whether it was answered."""
-        return self._ended
+    def answer(self, reply: BaseModel, *, is_error: bool = False) -> None:
+        """Send a message, in the format of the request, and let go of the query."""
+        payload, encoding = encode(reply, form=self.form)
+        self.answer_bytes(payload, encoding, is_error=is_error)
+
+    def answer_bytes(self, payload: bytes, encoding: str, *, is_error: bool = False) -> None:
+        """Send a payload and let go of the query."""
+        try:
+            with self._query as query:
+                if is_error:
+                    query.reply_err(payload, encoding=encoding)
+                else:
+                    query.reply(self.key, payload, encoding=encoding)
+        except zenoh.ZError as error:
+            log.warning("%s: the answer could not be sent: %s", self.key, error)

@@ -77,7 +77,7 @@ def _find_boxes(scene: Scene, ground: Array, piece: NDArray[np.bool_]) -> Array:
             else:
                 failures += 1
         if len(boxes):
-            boxes = _needed(level_boxes(fit_boxes(boxes, view, blur=1.2, iterations=8), view), view)
+            boxes = level_boxes(_needed(fit_boxes(boxes, view, blur=1.2, iterations=8), view), view)
     return boxes
 
 

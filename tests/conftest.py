@@ -1,7 +1,6 @@
 """A router in a process of its own, sessions on it, and fake workers."""
 
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,7 +9,6 @@ import fakes
 import pytest
 
 from common.wire.directory import Directory
-from common.wire.keys import every_live
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 
@@ -47,18 +45,16 @@ def directory(session: Session) -> Iterator[Directory]:
 
 
 @pytest.fixture
-def start(endpoint: str, session: Session, tmp_path: Path) -> Iterator[Start]:
+def start(endpoint: str, directory: Directory, tmp_path: Path) -> Iterator[Start]:
     """Return what starts a fake worker: kind, name, instance and optionally the queue's length."""
-    before = live(session)
+    started: set[str] = set()
     with ExitStack() as stack:
-        yield lambda *arguments: stack.enter_context(
-            fakes.running(*map(str, arguments), endpoint=endpoint, log=tmp_path / "log")
-        )
-    while live(session) - before:
-        time.sleep(0.01)
 
+        def start_one(*arguments: object) -> subprocess.Popen[bytes]:
+            started.add(str(arguments[2]))
+            worker = fakes.running(*map(str, arguments), endpoint=endpoint, log=tmp_path / "log")
+            return stack.enter_context(worker)
 
-def live(session: Session) -> set[str]:
-    """Return the liveliness tokens of all workers."""
-    replies = session.liveliness().get(every_live("*"), timeout=10)
-    return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        yield start_one
+    while started & {worker.address.instance for worker in directory.workers()}:
+        directory.wait_for_change(0.1)

@@ -14,7 +14,7 @@ from common.wire.codec import decode
 from common.wire.cost import CostMeter
 from common.wire.keys import Address, Role, every_live, parse_address
 from common.wire.messages import Card, Health
-from common.wire.query import ask
+from common.wire.query import NoReplyError, ask
 from common.wire.session import is_connected
 
 SUSPECT_S = 10.0
@@ -167,9 +167,17 @@ class Directory:
                 entry.suspect_until = time.monotonic() + SUSPECT_S
 
     def probe(self, address: Address) -> bool:
-        """Return whether a worker still answers its health key; one that does not becomes a suspect."""
+        """Return whether a worker still answers its health key.
+
+        One that is late becomes a suspect. One whose key nobody serves is forgotten until its token appears again: its
+        process is gone, even if the token's end was not told.
+        """
         try:
             ask(self.session, address.key("health"), None, Health, timeout_s=PROBE_TIMEOUT_S)
+        except NoReplyError:
+            if not self.is_partitioned():
+                self._forget(address)
+            return False
         except FrugalError:
             self.suspect(address)
             return False
@@ -207,28 +215,42 @@ class Directory:
             address, _ = parse_address(str(sample.key_expr))
         except RequestError:
             return
-        self.is_partitioned()
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._add(address)
+        else:
+            self.is_partitioned()
+            self._forget(address)
+
+    def _add(self, address: Address) -> None:
         with self._changed:
             is_new = address not in self._entries
-            if sample.kind == zenoh.SampleKind.PUT:
-                self._entries.setdefault(address, _Entry(address))
-                event = Event("joined", address.worker, f"{describe(address.role, address.model)} is alive")
-                self._fetch_missing_cards()
-            else:
-                self._entries.pop(address, None)
-                event = Event("left", address.worker, f"{describe(address.role, address.model)} is gone")
-            callbacks = tuple(self._callbacks) if is_new or event.kind == "left" else ()
+            self._fetch_card(self._entries.setdefault(address, _Entry(address)))
             self._changed.notify_all()
+        if is_new:
+            self._tell(Event("joined", address.worker, f"{describe(address.role, address.model)} is alive"))
+
+    def _forget(self, address: Address) -> None:
+        with self._changed:
+            was_known = self._entries.pop(address, None) is not None
+            self._changed.notify_all()
+        if was_known:
+            self._tell(Event("left", address.worker, f"{describe(address.role, address.model)} is gone"))
+
+    def _tell(self, event: Event) -> None:
+        with self._changed:
+            callbacks = tuple(self._callbacks)
         for callback in callbacks:
             callback(event)
 
     def _fetch_missing_cards(self) -> None:
-        now = time.monotonic()
         for entry in self._entries.values():
-            if entry.card is None and now - entry.asked_card > CARD_TIMEOUT_S:
-                entry.asked_card = now
-                with_callback = zenoh.handlers.Callback(self._on_card, indirect=True)
-                self.session.get(entry.address.key("card"), with_callback, timeout=CARD_TIMEOUT_S)
+            if entry.card is None and time.monotonic() - entry.asked_card > CARD_TIMEOUT_S:
+                self._fetch_card(entry)
+
+    def _fetch_card(self, entry: _Entry) -> None:
+        entry.asked_card = time.monotonic()
+        callback = zenoh.handlers.Callback(self._on_card, indirect=True)
+        self.session.get(entry.address.key("card"), callback, timeout=CARD_TIMEOUT_S)
 
     def _on_card(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:

@@ -186,6 +186,7 @@ class _Dispatch(Generic[Message]):
         self.silences += 1
         if not self.directory.is_partitioned():
             self.directory.suspect(address)
+            self.directory.probe(address)
         self._note("no_reply" if isinstance(error, NoReplyError) else "unavailable", address, error)
 
     def _fail(self, kind: str, address: Address, error: FrugalError) -> None:

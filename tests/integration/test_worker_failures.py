@@ -14,6 +14,7 @@ from fakes import Tilted, free_endpoint, make_state, running
 from common.domain.errors import ModelError, RequestError, TimedOutError, UnavailableError
 from common.wire.directory import Directory
 from common.wire.dispatch import PATIENCE_S, Limits
+from common.wire.keys import Address
 from common.wire.messages import Health
 from common.wire.query import ask
 from common.wire.remote import RemoteEstimator, RemoteModel
@@ -71,6 +72,16 @@ def test_a_broken_replica_does_not_fail_a_call(directory: Directory, start: Star
     suspects = {worker.address.instance for worker in directory.workers("model") if worker.is_suspect}
     assert suspects == {"a"}
     assert RemoteModel(directory, "tilted", limits=LIMITS).predict(STATE, ACTIONS).events == ()
+
+
+def test_a_token_with_nobody_behind_it_is_forgotten(directory: Directory, start: Start):
+    ghost = Address("plating", "model", "tilted", "a")
+    with directory.session.liveliness().declare_token(ghost.key("live")):
+        start("good", "tilted", "b")
+        directory.wait_for("model", "tilted", timeout_s=START_S)
+        found = RemoteModel(directory, "tilted", limits=LIMITS).predict(STATE, ACTIONS)
+        assert (found.instance, [event.kind for event in found.events]) == ("b", ["no_reply"])
+        assert [worker.address.instance for worker in directory.workers("model")] == ["b"]
 
 
 def test_a_hanging_worker_is_left_after_the_timeout(directory: Directory, start: Start):

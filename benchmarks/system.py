@@ -11,6 +11,7 @@ import socket
 import tempfile
 from collections import Counter
 from contextlib import ExitStack
+from itertools import pairwise
 from pathlib import Path
 from statistics import mean, median
 
@@ -99,7 +100,7 @@ def overhead(session: Session, case: Case) -> dict[str, object]:
     times: list[float] = []
     for seed in range(3):
         trials = run(session, case, strategy="only:heuristic", in_flight=1, seed=seed).trials
-        for trial, following in zip(trials[40:], trials[41:], strict=False):
+        for trial, following in pairwise(trials[40:]):
             times.append(following.started_s - trial.started_s - trial.compute_s)
     return {"median_s": median(times), "largest_s": max(times), "count": len(times)}
 

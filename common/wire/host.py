@@ -229,10 +229,11 @@ class Host:
                 self._failed += 1
             else:
                 self._refused += 1
-        if isinstance(outcome, Reply):
-            job.answer(outcome)
-        else:
-            job.answer(ErrorReply.of(outcome), is_error=True)
+        for asked in (job, *job.followers):
+            if isinstance(outcome, Reply):
+                asked.answer(outcome)
+            else:
+                asked.answer(ErrorReply.of(outcome), is_error=True)
         if call is not None:
             self._board.end(call.id)
 

@@ -208,3 +208,18 @@ def test_a_plain_client_asks_in_json_and_is_answered_in_json(session: Session, d
     np.testing.assert_array_equal(found.heights.values(), Tilted().predict(STATE, ACTIONS).heights)
     card = next(iter(session.get("frugal/@v1/plating/model/tilted/*/card"))).ok.payload.to_string()
     assert json.loads(card)["instance"] == "a"
+
+
+def test_a_request_sent_again_while_it_is_computed_gets_the_same_answer(
+    session: Session, directory: Directory, start: Start
+):
+    start("slow", "tilted", "a")
+    directory.wait_for("model", "tilted", timeout_s=START_S)
+    address, repeated = Address("plating", "model", "tilted", "a"), request()
+    with ThreadPoolExecutor(3) as pool:
+        calls = [
+            pool.submit(ask, session, address.key("predict"), repeated, PredictReply, timeout_s=60) for _ in range(3)
+        ]
+        replies = [call.result(timeout=60) for call in calls]
+    assert replies[0] == replies[1] == replies[2]
+    assert ask(session, address.key("health"), None, Health, timeout_s=20).cost[0].count == 1

@@ -33,8 +33,7 @@ class Laws:
     friction: float
     stick_ratio: float
     softening: float
-    overshoot: float
-    trials: int
+    tray_patience: float
     gravity: wp.vec3
     keep_fast: float  # share of the velocity that one step keeps
     keep_slow: float
@@ -145,6 +144,7 @@ class Worlds:
     tray: wp.array[float]  # height of the tray [m]
     tray_load: wp.array[float]  # [N]
     tray_on: wp.array[int]
+    idle: wp.array[float]  # how long the tray has carried nothing [s]
 
 
 @wp.struct

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from common.domain.bodies import Bodies, Box
+from common.domain.bodies import ROUNDING, Bodies, Box
 from common.domain.errors import ModelError, RequestError
 from common.domain.scene import State
 from services.simulator import raster
@@ -18,9 +18,16 @@ from services.simulator.outline import Outline, outline_of
 from services.simulator.samples import item_samples
 from services.simulator.settings import Settings
 from services.simulator.simulation import Outcome, Simulation
+from services.simulator.stiffness import CORNERS
 
 UNCHANGED = 1e-4
 """Where the drawn scene changes by less than this, the state's own height is kept [m]."""
+
+DEEPEST_OVERLAP = 0.004
+"""Depth of a box's core edge in another box beyond which they are inside each other [m]."""
+
+BOX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+"""Corners that an edge of a box joins, numbered as `stiffness.CORNERS`."""
 
 MOST_BOXES = 31
 """Boxes that fit in the bit sets of the contact search."""
@@ -66,7 +73,13 @@ class Placement:
         self.settings = settings
         self.state = state
         self.count = worlds
+        _check_boxes(bodies.boxes)
         self.outline = outline_of(state.item, state.grid)
+        length, plate_radius = float(np.ptp(self.outline.centres, axis=0).max()), float(self.plate.radii[-1])
+        if length > 2 * plate_radius:
+            raise RequestError(
+                f"expected an item smaller than the plate of {2 * plate_radius:g} m, got one of {length:g} m"
+            )
         self.mesh = build_mesh(self.outline, settings)
         box_bodies = [box_body(box, settings) for box in self.boxes]
         self.item: Body | None = item_body(self.outline, self.mesh, settings) if state.item.is_rigid else None
@@ -123,7 +136,7 @@ class Placement:
             around = points[:, None, :2] - action + np.concatenate([[[0.0, 0.0]], 2 * spread])
             below = self.outline.locate(around.reshape(-1, 2))[2].reshape(len(points), -1).any(axis=1)
             if below.any():
-                highest = max(highest, float(points[below, 2].max()) + raster.ROUNDING)
+                highest = max(highest, float(points[below, 2].max()) + ROUNDING)
         return highest
 
     def _poses(self, shifts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -138,3 +151,17 @@ class Placement:
             positions = np.concatenate([own, positions], axis=1)
             orientations = np.concatenate([upright, orientations], axis=1)
         return positions, orientations
+
+
+def _check_boxes(boxes: tuple[Box, ...]) -> None:
+    """Raise `RequestError` where the core of one box reaches into another's: no simulation can repair that."""
+    for index, box in enumerate(boxes):
+        core = (box.size / 2 - ROUNDING) * (1 - 1e-9)
+        corners = box.position + (CORNERS * core) @ box.rotation.T
+        along = np.linspace(0, 1, 21)[:, None]
+        edges = np.concatenate([corners[a] * (1 - along) + corners[b] * along for a, b in BOX_EDGES])
+        for number, other in enumerate(boxes):
+            if number != index:
+                depth = other.size / 2 - np.abs((edges - other.position) @ other.rotation)
+                if depth.min(axis=1).max() > DEEPEST_OVERLAP:
+                    raise RequestError(f"expected boxes that do not overlap, got box {index} inside box {number}")

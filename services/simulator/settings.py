@@ -25,6 +25,7 @@ class Settings:
         keep_slow: The same once they are slow [-].
         slow: Speed below which they are slow [m/s].
         tray_speed: Speed at which the tray lowers the item [m/s].
+        tray_patience: How long the tray must have carried nothing before it goes away [s].
         rest_displacement: Displacement in one step below which everything is at rest [m].
         longest_time: Simulated time after which the item counts as not settled [s].
         stiffest: Young's modulus to which stiff parts of a soft item are capped [Pa]: beyond it they no longer
@@ -40,16 +41,15 @@ class Settings:
     friction: float = 0.5
     stick_ratio: float = 0.7
     softening: float = 2e-4
-    overshoot: float = 0.5
-    trials: int = 4
-    first_step: float = 0.010
+    first_step: float = 0.015
     longest_step: float = 0.030
-    shortest_step: float = 0.0025
-    iterations: int = 6
+    shortest_step: float = 0.015
+    iterations: int = 3
     keep_fast: float = 0.9
     keep_slow: float = 0.5
     slow: float = 0.02
-    tray_speed: float = 0.2
+    tray_speed: float = 0.15
+    tray_patience: float = 0.05
     rest_displacement: float = 5e-6
     longest_time: float = 3.0
     stiffest: float = 1e7
@@ -58,6 +58,6 @@ class Settings:
 LEVELS: dict[str, Settings] = {
     "coarse": Settings(cell=0.022, layers=2, samples=10),
     "default": Settings(),
-    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.005, longest_step=0.015),
+    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.0075, shortest_step=0.0075, longest_step=0.015),
 }
 """Named resolutions, cheapest first."""

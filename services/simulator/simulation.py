@@ -1,7 +1,7 @@
 """Worlds on a device: build their arrays, run them to rest, read them back."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from common.domain.bodies import Box, Plate
 from services.simulator import contact, elements, memory, stepping
-from services.simulator.arrays import DONE, ENDED, FIRST_BOX, Laws, Rigid, Solid, System, Worlds
+from services.simulator.arrays import DONE, ENDED, FIRST_BOX, START, Laws, Rigid, Solid, System, Worlds
 from services.simulator.bodies import Body, patch_spheres
 from services.simulator.device import upload
 from services.simulator.mesh import Mesh
@@ -75,17 +75,18 @@ class Simulation:
         self.nodes = len(mesh.positions) if mesh else 0
         self.bodies = len(bodies)
         self.plate = upload_plate(plate, device)
+        self._settings = settings
+        self._gravity = gravity
         self.laws = _laws(settings, gravity, undamped)
         self.solid = _solid(mesh, samples, pinned, device)
         self.rigid = _rigid(bodies, rigid_item, len(mesh.cells) if mesh else 0, device)
         self.worlds = self._allocate(len(mesh.cells) if mesh else 0, len(samples.points) if samples else 0)
         self.system = self._allocate_system(mesh)
-        self._launches = self._record(
-            len(mesh.cells) if mesh else 0,
-            len(samples.points) if samples else 0,
-            sum(len(body.samples.points) for body in bodies),
-            self.rigid.patch_body.shape[0] if bodies else 0,
-        )
+        self._cells = len(mesh.cells) if mesh else 0
+        self._samples = len(samples.points) if samples else 0
+        self._points = sum(len(body.samples.points) for body in bodies)
+        self._patches = self.rigid.patch_body.shape[0] if bodies else 0
+        self._launches = self._record(self.laws)
 
     def place(
         self,
@@ -117,7 +118,7 @@ class Simulation:
                 array.assign(orientations.astype(np.float32))
         for name in ("v", "f", "d", "pv", "qv", "pf", "qf", "pd", "qd", "near", "was_near", "time", "calm", "moved"):
             getattr(worlds, name).zero_()
-        for name in ("anchor", "grip", "body_anchor", "iteration", "trials", "tray_load", "converged"):
+        for name in ("anchor", "grip", "body_anchor", "iteration", "trials", "tray_load", "idle", "converged"):
             getattr(worlds, name).zero_()
         if self.nodes:
             worlds.v.fill_(wp.vec3(0.0, 0.0, item_velocity))
@@ -147,6 +148,28 @@ class Simulation:
             if check is not None and ticks % 16 == 0:
                 check()
         return self.read(ticks)
+
+    def verify_rest(self, *, duration: float = 0.2, step: float = 0.005) -> NDArray[np.float32]:
+        """Return the largest speed of each world ``(W,)`` [m/s] while it goes on without damping, from where it is.
+
+        What had stopped at an unstable place, or only because of the damping, starts to move.
+        """
+        worlds = self.worlds
+        laws = _laws(
+            replace(self._settings, first_step=step, shortest_step=step, longest_time=duration, iterations=8),
+            self._gravity,
+            undamped=True,
+        )
+        worlds.time.zero_()
+        worlds.dt.fill_(step)
+        worlds.phase.fill_(int(START))
+        launches = self._record(laws)
+        fastest = np.zeros(self.count, dtype=np.float32)
+        while (worlds.phase.numpy() != int(DONE)).any():
+            for launch in launches:
+                launch.launch()
+            fastest = np.maximum(fastest, np.where(worlds.time.numpy() > 0, worlds.speed.numpy(), 0))
+        return fastest
 
     def read(self, ticks: int = 0) -> Outcome:
         """Return copies of where everything is."""
@@ -182,7 +205,7 @@ class Simulation:
             setattr(worlds, name, wp.zeros((count, points, obstacles), dtype=wp.vec3, device=device))
         for name in ("phase", "iteration", "trials", "converged", "calm", "fresh", "tray_on"):
             setattr(worlds, name, wp.zeros(count, dtype=int, device=device))
-        for name in ("alpha", "slope", "longest", "dt", "time", "keep", "moved", "speed", "tray", "tray_load"):
+        for name in ("alpha", "slope", "longest", "dt", "time", "keep", "moved", "speed", "tray", "tray_load", "idle"):
             setattr(worlds, name, wp.zeros(count, dtype=float, device=device))
         return worlds
 
@@ -202,17 +225,11 @@ class Simulation:
         system.corner_load = wp.zeros((self.count, edge), dtype=float, device=self.device)
         return system
 
-    def _record(self, cells: int, samples: int, points: int, patches: int) -> list[Any]:
+    def _record(self, laws: Laws) -> list[Any]:
         """Record one tick: end steps, evaluate forces, judge, find new directions, move to trial points."""
-        laws, plate, solid, rigid, worlds, system = (
-            self.laws,
-            self.plate,
-            self.solid,
-            self.rigid,
-            self.worlds,
-            self.system,
-        )
+        plate, solid, rigid, worlds, system = self.plate, self.solid, self.rigid, self.worlds, self.system
         nodes, bodies = self.nodes, self.bodies
+        cells, samples, points, patches = self._cells, self._samples, self._points, self._patches
         tick = (
             (memory.find_near_soft, cells, (solid, rigid, worlds)),
             (memory.find_near_rigid, patches, (rigid, worlds)),
@@ -259,8 +276,7 @@ def _laws(settings: Settings, gravity: tuple[float, float, float], undamped: boo
     laws.friction = settings.friction
     laws.stick_ratio = settings.stick_ratio
     laws.softening = settings.softening
-    laws.overshoot = settings.overshoot
-    laws.trials = settings.trials
+    laws.tray_patience = settings.tray_patience
     laws.gravity = wp.vec3(*gravity)
     laws.keep_fast = 1.0 if undamped else settings.keep_fast
     laws.keep_slow = 1.0 if undamped else settings.keep_slow

@@ -101,7 +101,7 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     first = worlds.slope[w]
     trials = worlds.trials[w] + 1
     worlds.trials[w] = trials
-    if slope < -laws.overshoot * first and trials < laws.trials:
+    if slope < -0.5 * first and trials < TRIALS:
         worlds.alpha[w] = worlds.alpha[w] * wp.clamp(first / (first - slope), 0.15, 0.7)
         return
     moved = float(0.0)
@@ -187,13 +187,25 @@ def next_step(laws: Laws, worlds: Worlds):
     worlds.dt[w] = dt
     if worlds.tray_on[w] == 1:
         if worlds.tray_load[w] == 0.0:
-            worlds.tray_on[w] = 0
+            worlds.idle[w] = worlds.idle[w] + dt
         else:
-            worlds.tray[w] = worlds.tray[w] - laws.tray_speed * dt
+            worlds.idle[w] = 0.0
+        worlds.tray[w] = worlds.tray[w] - laws.tray_speed * dt
+        if worlds.idle[w] > laws.tray_patience:
+            worlds.tray_on[w] = 0
     if laws.stops_at_rest == 1 and worlds.calm[w] >= 2:
         worlds.phase[w] = DONE
     if worlds.time[w] > laws.longest_time:
         worlds.phase[w] = DONE
+
+
+@wp.func_native("""
+    float* const target = bordered.data + (long long)w * bordered.shape[1] + start;
+    for (int k = 0; k < count; ++k) target[k] = 0.0f;
+""")
+def clear_row(bordered: wp.array2d[float], w: int, start: int, count: int):
+    """Set a stretch of world ``w`` to zero; compiled to a single fill."""
+    ...
 
 
 @wp.kernel(module=MODULE)
@@ -205,8 +217,7 @@ def begin_system(solid: Solid, worlds: Worlds, system: System):
     dt = worlds.dt[w]
     for axis in range(3):
         start = (3 * i + axis) * system.row
-        for k in range(system.row):
-            system.bordered[w, start + k] = 0.0
+        clear_row(system.bordered, w, start, system.row)
         system.bordered[w, start] = solid.mass[i] / (dt * dt) + solid.pinned[i] * PIN
         system.bordered[w, start + system.band] = worlds.f[w, i][axis]
 

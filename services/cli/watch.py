@@ -5,6 +5,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import click
+from rich import box
 from rich.console import Group
 from rich.live import Live
 from rich.table import Table
@@ -55,7 +56,8 @@ class Runs:
 
     def table(self) -> Table:
         """Return the table for a terminal."""
-        drawn = Table("optimisation", "strategy", "evaluations", "best [mm]", "state", "last")
+        names = ("optimisation", "strategy", "evaluations", "best [mm]", "state", "last")
+        drawn = Table(*names, box=box.SIMPLE_HEAD, pad_edge=False)
         for name, run in reversed(tuple(self._runs.items())):
             best = "" if run.best is None else f"{-run.best * 1e3:.3f}"
             drawn.add_row(name[:12], run.strategy, f"{run.done}/{run.evaluations}", best, run.state, run.last)

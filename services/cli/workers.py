@@ -3,8 +3,9 @@
 import json
 
 import click
+from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from common.wire.client import WorkerStatus, list_workers
 from common.wire.session import open_session
@@ -37,18 +38,18 @@ def describe(status: WorkerStatus) -> dict[str, object]:
 
 
 def table(found: tuple[WorkerStatus, ...]) -> Table:
-    """Return a table of workers for a terminal."""
-    drawn = Table("task", "worker", "version", "device", "state", "waiting", "served", "failed", "cost")
+    """Return a table of workers for a terminal, narrow enough for 80 columns."""
+    names = ("worker", "version", "state", "waiting", "served", "failed", "cost")
+    drawn = Table(*(Column(name, no_wrap=True) for name in names), box=box.SIMPLE_HEAD, pad_edge=False)
     for status in found:
         card, health = status.card, status.health
-        cost = "" if health is None else ", ".join(f"{1e3 * c.p50_s:.3g} ms / {c.batch}" for c in health.cost[:2])
-        doing = "no answer" if health is None else "computing" if health.in_progress else health.status
+        address = status.address
+        kind = "MDE " if address.role == "mde" else ""
+        cost = "" if health is None else ", ".join(f"{1e3 * c.p50_s:.3g} ms / {c.batch}" for c in health.cost[:1])
         drawn.add_row(
-            status.address.task,
-            status.address.worker,
+            kind + address.worker,
             card.version if card else "?",
-            card.device if card else "?",
-            doing,
+            "no answer" if health is None else "computing" if health.in_progress else health.status,
             str(health.queue_length) if health else "",
             str(health.served) if health else "",
             str(health.failed) if health else "",

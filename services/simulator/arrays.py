@@ -1,13 +1,14 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """The arrays that kernels work on, by what they describe.
 
-``W`` worlds (one action each) share one item and one set of boxes. ``N`` nodes and ``E`` hexahedra of a soft item, ``S`` contact
-samples on it; ``M`` rigid bodies (a rigid item first, then the boxes) with ``T`` samples; ``K`` obstacles: plate, tray,
-then the boxes; ``P`` patches of samples, first those of the soft item. Positions in the world [m], rotations as quaternions.
+``W`` worlds (one action each) share one item and one set of boxes. ``N`` nodes and ``E`` hexahedra of a soft item,
+``S`` contact samples on it; ``M`` rigid bodies (a rigid item first, then the boxes) with ``T`` samples; ``K``
+obstacles: plate, tray, then the boxes; ``P`` patches of samples, first those of the soft item. Positions in the world
+[m], rotations as quaternions.
 """
 
-# pyright: reportInvalidTypeForm=false
 import warp as wp
-
 
 DONE = wp.constant(0)
 """At rest, or given up."""
@@ -42,6 +43,8 @@ class Laws:
     longest_step: float
     shortest_step: float
     iterations: int
+    tolerance: float
+    relative_tolerance: float
     tray_speed: float
     rest_displacement: float
     longest_time: float

@@ -1,20 +1,25 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """Contact with friction between samples and obstacles, by springs that remember where they stuck.
 
-A sample that is ``-g`` deep in an obstacle with outward normal ``n`` feels ``f_n = -k g`` along ``n``. Its tangential spring
-has length ``u = P (c - a)``, ``P = I - n n^T``, between the touching point ``c`` and an anchor ``a`` that moves with the obstacle:
-it sticks with ``f_t = -k_t u`` while ``k_t |u| <= mu f_n`` and slides with ``f_t = -mu f_n u / |u|`` beyond. At the end of a step
-a sliding anchor is drawn along to the cone, and an open contact forgets its anchor.
-Tangent: ``k n n^T + s P``, ``s = k_t`` sticking; ``s = mu f_n / |u|`` and ``P`` less ``u u^T / u^2`` sliding; the unsymmetric part,
-by which friction follows the normal force, is left out.
+A sample ``-g`` deep in an obstacle with outward normal ``n`` feels ``f_n = k_s(g) (-g)`` along ``n``. The secant
+stiffness ``k_s`` grows linearly with the depth up to `Laws.softening`, beyond it the slope is ``k``. The tangential
+spring has length ``u = P (c - a)``, ``P = I - n n^T``, between the touching point ``c`` and an anchor ``a`` that
+moves with the obstacle: it sticks with ``f_t = -k_t u``, ``k_t = k_s`` times `Laws.stick_ratio`, while ``k_t |u| <=
+mu f_n``, and slides with ``f_t = -mu f_n u / |u|`` beyond. At the end of a step a sliding anchor is drawn along to
+the cone, and an open contact forgets its anchor.
+
+Tangent: ``k n n^T + s P``, ``s = k_t`` sticking; ``s = mu f_n / |u|`` and ``P`` less ``u u^T / u^2`` sliding; the
+unsymmetric part, by which friction follows the normal force, is left out.
 """
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
+# float(0.0) declares a variable that a loop may change, 0.0 a constant, and there is no `in`.
+# ruff: noqa: UP018, RUF046
+
 import warp as wp
 
 from services.simulator.arrays import (
     DIRECTION,
-    ENDED,
     FIRST_BOX,
     PLATE,
     START,
@@ -38,7 +43,7 @@ FEELS_PLATE = wp.constant(SIDE)
 
 @wp.func(module=MODULE)
 def secant_stiffness(laws: Laws, stiffness: float, gap: float):
-    """Return normal force over depth: the spring hardens up to ``softening``, so that light touches stay smooth [N/m]."""
+    """Return normal force over depth: the spring hardens up to ``softening``, smooth at first touch [N/m]."""
     if -gap < laws.softening:
         return -0.5 * stiffness * gap / laws.softening
     return stiffness * (1.0 + 0.5 * laws.softening / gap)

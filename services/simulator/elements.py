@@ -1,7 +1,7 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """Corotated hexahedra: elastic forces and their tangent."""
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
 import warp as wp
 
 from services.simulator.arrays import DIRECTION, START, TRIAL, Solid, System, Worlds

@@ -1,7 +1,10 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """What contacts carry from one time step to the next: who is near whom, and where springs are anchored."""
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
+# float(0.0) declares a variable that a loop may change, 0.0 a constant, and there is no `in`.
+# ruff: noqa: UP018, RUF046
+
 import warp as wp
 
 from services.simulator.arrays import (
@@ -106,7 +109,8 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
 def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
     """Set touching points and anchors of the rigid bodies' samples for the next step.
 
-    A rounded edge that rolls touches elsewhere than before: the touching point is chosen anew, the spring's length kept.
+    A rounded edge that rolls touches elsewhere than before: the touching point is chosen anew, the spring keeps its
+    length.
     """
     w, t = wp.tid()
     if worlds.phase[w] != ENDED:

@@ -173,7 +173,7 @@ def _number(
     spacing: NDArray[np.float64],
     layers: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return node positions ``(N, 3)`` [m] and hexahedra ``(E, 8)``; only nodes that a kept cell touches get a number."""
+    """Return node positions ``(N, 3)`` [m] and hexahedra ``(E, 8)``; only nodes of kept cells get a number."""
     used = np.zeros(heights.shape, dtype=bool)
     for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)):
         used[i : used.shape[0] - 1 + i, j : used.shape[1] - 1 + j] |= kept

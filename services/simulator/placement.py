@@ -4,30 +4,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from common.domain.bodies import ROUNDING, Bodies, Box
 from common.domain.errors import ModelError, RequestError
 from common.domain.scene import State
-from services.simulator import raster
 from services.simulator.bodies import Body, box_body, item_body
-from services.simulator.device import upload
-from services.simulator.mesh import Mesh, build_mesh
-from services.simulator.outline import Outline, outline_of
+from services.simulator.canvas import Canvas
+from services.simulator.mesh import build_mesh
+from services.simulator.outline import outline_of
 from services.simulator.samples import item_samples
 from services.simulator.settings import Settings
 from services.simulator.simulation import Outcome, Simulation
-from services.simulator.stiffness import CORNERS
 
 UNCHANGED = 1e-4
 """Where the drawn scene changes by less than this, the state's own height is kept [m]."""
-
-DEEPEST_OVERLAP = 0.004
-"""Depth of a box's core edge in another box beyond which they are inside each other [m]."""
-
-BOX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-"""Corners that an edge of a box joins, numbered as `stiffness.CORNERS`."""
 
 MOST_BOXES = 31
 """Boxes that fit in the bit sets of the contact search."""
@@ -97,7 +88,7 @@ class Placement:
             box.position + body.samples.points @ box.rotation.T
             for box, body in zip(self.boxes, box_bodies, strict=True)
         ]
-        self._canvas = raster.Canvas(self.simulation, self.outline, self.mesh, self.item, state.grid, self.plate)
+        self._canvas = Canvas(self.simulation, self.outline, self.mesh, self.item, state.grid, self.plate)
         self._before = self._canvas.draw_scene(self._poses(np.zeros((worlds, 3))))[0]
 
     def run(self, actions: NDArray[np.float64], *, check: Callable[[], None] | None = None) -> Placed:
@@ -154,14 +145,11 @@ class Placement:
 
 
 def _check_boxes(boxes: tuple[Box, ...]) -> None:
-    """Raise `RequestError` where the core of one box reaches into another's: no simulation can repair that."""
+    """Raise `RequestError` where the axis of one box runs inside another: no contact force can repair that."""
     for index, box in enumerate(boxes):
-        core = (box.size / 2 - ROUNDING) * (1 - 1e-9)
-        corners = box.position + (CORNERS * core) @ box.rotation.T
-        along = np.linspace(0, 1, 21)[:, None]
-        edges = np.concatenate([corners[a] * (1 - along) + corners[b] * along for a, b in BOX_EDGES])
+        axis = box.rotation[:, int(np.argmax(box.size))] * box.size.max() / 2
+        line = box.position + np.linspace(-1, 1, 41)[:, None] * axis
         for number, other in enumerate(boxes):
-            if number != index:
-                depth = other.size / 2 - np.abs((edges - other.position) @ other.rotation)
-                if depth.min(axis=1).max() > DEEPEST_OVERLAP:
-                    raise RequestError(f"expected boxes that do not overlap, got box {index} inside box {number}")
+            inside = np.abs((line - other.position) @ other.rotation) < other.size / 2
+            if number != index and inside.all(axis=1).any():
+                raise RequestError(f"expected boxes that do not overlap, got box {index} inside box {number}")

@@ -21,6 +21,8 @@ class Settings:
         longest_step: Time step at rest [s].
         shortest_step: Time step below which a step is taken as it is [s].
         iterations: Most Newton iterations a step.
+        tolerance: A step has converged when its last iteration moved nothing by more than this [m],
+        relative_tolerance: or by this share of the whole step [-].
         keep_fast: Share of the velocity that a step keeps while things move [-].
         keep_slow: The same once they are slow [-].
         slow: Speed below which they are slow [m/s].
@@ -45,6 +47,8 @@ class Settings:
     longest_step: float = 0.030
     shortest_step: float = 0.015
     iterations: int = 3
+    tolerance: float = 2e-6
+    relative_tolerance: float = 0.02
     keep_fast: float = 0.9
     keep_slow: float = 0.5
     slow: float = 0.02

@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from common.domain.bodies import Box, Plate
-from services.simulator import contact, elements, memory, stepping
+from common.domain.bodies import Plate
+from services.simulator import contact, elements, memory, raster, stepping
 from services.simulator.arrays import DONE, ENDED, FIRST_BOX, START, Laws, Rigid, Solid, System, Worlds
 from services.simulator.bodies import Body, patch_spheres
 from services.simulator.device import upload
@@ -19,6 +19,9 @@ from services.simulator.settings import Settings
 from services.simulator.stiffness import centre_gradients, hexahedron_stiffness
 from services.simulator.surfaces import upload_plate
 from services.simulator.system import PANEL, solve_newton
+
+KERNELS = (contact, elements, memory, raster, stepping)
+"""Every module with kernels: the Warp module must be complete before it is first compiled."""
 
 LANES = 8
 """Entries to which rows of the system are padded."""
@@ -155,11 +158,16 @@ class Simulation:
         What had stopped at an unstable place, or only because of the damping, starts to move.
         """
         worlds = self.worlds
-        laws = _laws(
-            replace(self._settings, first_step=step, shortest_step=step, longest_time=duration, iterations=8),
-            self._gravity,
-            undamped=True,
+        strict = replace(
+            self._settings,
+            first_step=step,
+            shortest_step=step,
+            longest_time=duration,
+            iterations=20,
+            tolerance=1e-7,
+            relative_tolerance=1e-3,
         )
+        laws = _laws(strict, self._gravity, undamped=True)
         worlds.time.zero_()
         worlds.dt.fill_(step)
         worlds.phase.fill_(int(START))
@@ -285,6 +293,8 @@ def _laws(settings: Settings, gravity: tuple[float, float, float], undamped: boo
     laws.longest_step = settings.first_step if undamped else settings.longest_step
     laws.shortest_step = settings.shortest_step
     laws.iterations = settings.iterations
+    laws.tolerance = settings.tolerance
+    laws.relative_tolerance = settings.relative_tolerance
     laws.tray_speed = settings.tray_speed
     laws.rest_displacement = settings.rest_displacement
     laws.longest_time = settings.longest_time

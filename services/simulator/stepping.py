@@ -1,11 +1,16 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """Implicit Euler with Newton's method: inertia, line search, step control. One small state machine per world.
 
-A step from ``x0, v`` solves ``M (x - x0 - dt v) / dt^2 = f(x)``. A Newton direction ``d`` is tried at length 1, or at what moves
-nothing by more than `STEP_LIMIT`; with the slope ``S = f.d`` it is accepted where ``S_new >= -S / 2``, else shortened.
+A step from ``x0, v`` solves ``M (x - x0 - dt v) / dt^2 = f(x)``. A Newton direction ``d`` is tried at length 1, or at
+what moves nothing by more than `STEP_LIMIT`; with the slope ``S = f.d`` it is accepted where ``S_new >= -S / 2``,
+else shortened. What is wanted is the state at rest: a step that has not converged is taken as it is, on a smaller
+time step.
 """
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
+# float(0.0) declares a variable that a loop may change, 0.0 a constant, and there is no `in`.
+# ruff: noqa: UP018, SIM109
+
 import warp as wp
 
 from services.simulator.arrays import (
@@ -26,9 +31,6 @@ STEP_LIMIT = wp.constant(0.0025)
 """Largest displacement of one Newton iteration [m]."""
 TRIALS = wp.constant(4)
 """Most lengths of one direction that are tried."""
-ABSOLUTE_TOLERANCE = wp.constant(2.0e-6)
-RELATIVE_TOLERANCE = wp.constant(0.02)
-"""A step has converged when the last iteration moved less than this [m], or than this share of the step."""
 GROWTH = wp.constant(1.6)
 PIN = wp.constant(1.0e7)
 """Stiffness that holds pinned nodes [N/m]."""
@@ -116,7 +118,7 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     worlds.iteration[w] = iteration
     last = worlds.alpha[w] * worlds.longest[w]
     worlds.phase[w] = DIRECTION
-    if iteration >= 2 and last < wp.max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * moved):
+    if iteration >= 2 and last < wp.max(laws.tolerance, laws.relative_tolerance * moved):
         worlds.converged[w] = 1
         worlds.phase[w] = ENDED
     elif iteration >= laws.iterations:

@@ -1,7 +1,10 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """Signed distances to the plate and to rounded boxes, with normals."""
 
-# In a kernel float(0.0) declares a variable that a loop may change, 0.0 a constant.
-# ruff: noqa: UP018
+# float(0.0) declares a variable that a loop may change, 0.0 a constant, and there is no `in`.
+# ruff: noqa: UP018, RUF046
+
 import numpy as np
 import warp as wp
 
@@ -45,15 +48,15 @@ def upload_plate(plate: Plate, device: str) -> Plates:
 def plate_distance(plate: Plates, point: wp.vec3):
     """Return outward normal and signed distance to the surface of revolution (x, y, z, distance)."""
     r = wp.sqrt(point[0] * point[0] + point[1] * point[1])
-    bin = wp.min(int(r / plate.bin), plate.ceiling.shape[0] - 1)
-    if point[2] > plate.ceiling[bin] + PLATE_REACH:
+    ring = wp.min(int(r / plate.bin), plate.ceiling.shape[0] - 1)
+    if point[2] > plate.ceiling[ring] + PLATE_REACH:
         return wp.vec4(0.0, 0.0, 1.0, FAR)
     best = float(1.0e6)
     normal_r = float(0.0)
     normal_z = float(1.0)
     below = float(1.0)
     vertex = int(0)
-    segment = plate.first[bin]
+    segment = plate.first[ring]
     while segment < plate.radii.shape[0] - 1 and plate.radii[segment] < r + PLATE_REACH:
         dr = plate.radii[segment + 1] - plate.radii[segment]
         dz = plate.heights[segment + 1] - plate.heights[segment]

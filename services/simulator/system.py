@@ -1,7 +1,7 @@
+# type: ignore
+# Kernels are written in Warp's language, which a checker of Python misreads.
 """Newton's linear system: factorise and solve a band with a border, one world a thread."""
 
-# The function body is C++; Python sees only its signature.
-# pyright: reportUnusedParameter=false
 import warp as wp
 
 from services.simulator.arrays import DIRECTION, Rigid, System, Worlds
@@ -121,9 +121,9 @@ def solve_bordered_band(
 ):
     """Solve ``[[A, B^T], [B, C]] [x, y] = [f, g]`` in place for world ``w``.
 
-    ``A`` is a symmetric positive definite band of ``n`` rows, ``C`` dense ``m`` x ``m``: Cholesky of ``A`` carries the border
-    along, ``C - B A^-1 B^T`` is factorised densely, both are substituted back. ``x`` goes to ``direction``, ``y`` to
-    ``corner_load``.
+    ``A`` is a symmetric positive definite band of ``n`` rows, ``C`` dense ``m`` x ``m``: Cholesky of ``A`` carries the
+    border along, ``C - B A^-1 B^T`` is factorised densely, both are substituted back. ``x`` goes to ``direction``,
+    ``y`` to ``corner_load``.
     """
     ...
 

@@ -23,12 +23,12 @@ def tip_deflection(poisson_ratio: float, along: int, across: int) -> float:
     lame = YOUNGS_MODULUS * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
 
     @skfem.BilinearForm
-    def elasticity(u, v, _):  # noqa: ANN001, ANN202
+    def elasticity(u, v, _):
         strain = sym_grad(u)
         return ddot(2 * shear * strain + lame * eye(trace(strain), 3), sym_grad(v))
 
     @skfem.LinearForm
-    def weight(v, _):  # noqa: ANN001, ANN202
+    def weight(v, _):
         return -DENSITY * GRAVITY * v[2]
 
     clamped = basis.get_dofs(lambda x: np.isclose(x[0], 0))

@@ -37,7 +37,9 @@ def slab() -> Callable[..., Item]:
 def fry() -> Callable[..., Box]:
     """Return what makes a box of 6 x 1 x 1 cm, turned about z, then about its own long axis."""
 
-    def make(x: float, y: float, z: float, yaw: float = 0.0, size: tuple[float, float, float] = (0.06, 0.01, 0.01)) -> Box:
+    def make(
+        x: float, y: float, z: float, yaw: float = 0.0, size: tuple[float, float, float] = (0.06, 0.01, 0.01)
+    ) -> Box:
         orientation = np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)])
         return Box(np.array(size), np.array([x, y, z]), orientation, FRY)
 
@@ -64,7 +66,9 @@ def ground() -> Plate:
 def box_world(ground: Plate) -> Callable[..., Simulation]:
     """Return what makes one world of boxes on flat ground, gravity tilted about y by ``slope`` [rad]."""
 
-    def make(boxes: list[Box], *, slope: float = 0.0, undamped: bool = False, settings: Settings | None = None) -> Simulation:
+    def make(
+        boxes: list[Box], *, slope: float = 0.0, undamped: bool = False, settings: Settings | None = None
+    ) -> Simulation:
         simulation = Simulation(
             plate=ground,
             mesh=None,

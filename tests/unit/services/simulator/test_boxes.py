@@ -54,7 +54,9 @@ def test_a_heap_on_the_slope_of_the_rim_is_truly_at_rest(fry: Make) -> None:
 
 
 def test_boxes_that_have_no_time_to_settle_are_an_error_that_says_how_fast_they_are(fry: Make) -> None:
-    with pytest.raises(ModelError, match=r"expected 1 boxes to come to rest within 0.02 s, got a speed of [1-9][0-9.]* mm/s"):
+    with pytest.raises(
+        ModelError, match=r"expected 1 boxes to come to rest within 0.02 s, got a speed of [1-9][0-9.]* mm/s"
+    ):
         settle_boxes(dinner_plate(), [fry(0, 0, 0.1)], settings=Settings(longest_time=0.02))
 
 
@@ -75,7 +77,7 @@ def test_a_box_on_a_slope_holds_below_the_friction_angle_and_slides_above(
 def test_a_tall_box_tips_beyond_the_angle_at_which_its_weight_leaves_its_base(fry: Make, box_world: World) -> None:
     tall = fry(0, 0, 0.015, size=(0.01, 0.01, 0.03))
     upright = []
-    for tangent in (0.24, 0.36):  # the flat base ends ROUNDING before the edge: (5 - 1.5) / 15 = 0.23 to 5 / 15
+    for tangent in (0.22, 0.25):  # the flat base ends ROUNDING before the edge: (5 - 1.5) / 15 = 0.233
         simulation = box_world([tall], slope=float(np.arctan(tangent)))
         upright.append(abs(simulation.run().orientations[0, 0, 1]) < 0.1)
     assert upright == [True, False]
@@ -86,7 +88,7 @@ def test_momentum_of_a_free_body_is_kept_and_it_falls_as_it_should(fry: Make, bo
     simulation = box_world([fry(0, 0, 0.5)], undamped=True, settings=settings)
     simulation.worlds.pv.fill_(wp.vec3(0.3, -0.2, 0.0))
     outcome = simulation.run()
-    time = outcome.time[0]
+    time = float(outcome.time[0])
     assert outcome.positions[0, 0, :2] == pytest.approx([0.3 * time, -0.2 * time], rel=1e-3)
     assert outcome.positions[0, 0, 2] == pytest.approx(0.5 - 9.81 / 2 * time**2, abs=9.81 / 2 * time * 0.0011)
 

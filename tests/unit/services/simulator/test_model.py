@@ -26,7 +26,9 @@ def model() -> SimulatorModel:
 
 @pytest.fixture
 def heap(fry: Fry) -> tuple[Box, ...]:
-    return settle_boxes(dinner_plate(), [fry(0, 0, 0.006, 0.2), fry(0.01, 0.01, 0.018, 1.5), fry(-0.02, 0.0, 0.03, 0.9)])
+    return settle_boxes(
+        dinner_plate(), [fry(0, 0, 0.006, 0.2), fry(0.01, 0.01, 0.018, 1.5), fry(-0.02, 0.0, 0.03, 0.9)]
+    )
 
 
 @pytest.mark.parametrize("youngs_modulus", [2e4, 1e6, 1e9])
@@ -134,7 +136,9 @@ def test_every_level_settles_and_agrees_with_the_others(
     assert np.abs(other.heights - model.predict(state, np.zeros((1, 2))).heights).mean() < 4e-4
 
 
-def test_a_stiff_bone_in_a_soft_item_stays_straight(model: SimulatorModel, slab: Slab, state_of: Make, fry: Fry) -> None:
+def test_a_stiff_bone_in_a_soft_item_stays_straight(
+    model: SimulatorModel, slab: Slab, state_of: Make, fry: Fry
+) -> None:
     boxes = settle_boxes(dinner_plate(), [fry(0.0, 0, 0.006, np.pi / 2)])
     soft = slab(youngs_modulus=1e4)
     materials = soft.materials.copy()

@@ -89,7 +89,7 @@ class Canvas:
             worlds.p.assign(poses[0].astype(np.float32))
             worlds.q.assign(poses[1].astype(np.float32))
         self._draw_boxes()
-        return self._heights.numpy().copy()
+        return np.array(self._heights.numpy(), dtype=np.float32)
 
     def draw(self) -> NDArray[np.float32]:
         """Return plate, boxes and item where they are now ``(W, H, W)`` [m]."""
@@ -110,7 +110,7 @@ class Canvas:
             [self._triangles, self._vertices, self._cell, self._heights],
             device=device,
         )
-        return self._heights.numpy().copy()
+        return np.array(self._heights.numpy(), dtype=np.float32)
 
     def _draw_boxes(self) -> None:
         simulation = self._simulation

@@ -4,7 +4,8 @@ from typing import Any
 
 import warp as wp
 
-wp.config.quiet = True
+# At the level of warnings Warp complains wherever there is no CUDA driver.
+wp.config.log_level = wp.LOG_ERROR
 
 MODULE = "frugal_simulator"
 """Name of the Warp module that holds all kernels, so that one compilation is enough."""

@@ -56,7 +56,7 @@ class Mesh:
     def masses(self) -> NDArray[np.float64]:
         """Lumped mass of each node ``(N,)`` [kg]."""
         share = self.materials[0] * self.fill * volumes(self.corners) / 8
-        return np.bincount(self.cells.ravel(), np.repeat(share, 8), minlength=len(self.positions))
+        return np.bincount(self.cells.ravel(), np.repeat(share, 8), minlength=len(self.positions)).astype(np.float64)
 
     def embed(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Return hexahedron ``(P,)`` and trilinear weights of its nodes ``(P, 8)`` for points ``(P, 3)`` [m].
@@ -174,10 +174,10 @@ def _number(
     layers: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return node positions ``(N, 3)`` [m] and hexahedra ``(E, 8)``; only nodes of kept cells get a number."""
-    used = np.zeros(heights.shape, dtype=bool)
+    used: NDArray[np.bool_] = np.zeros(heights.shape, dtype=np.bool_)
     for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)):
         used[i : used.shape[0] - 1 + i, j : used.shape[1] - 1 + j] |= kept
-    column = np.cumsum(used).reshape(used.shape) - 1
+    column = np.cumsum(used).reshape(heights.shape) - 1
     lattice = np.argwhere(used)
     plane = origin + (lattice * spacing) @ axes
     levels = np.linspace(0, 1, layers + 1)

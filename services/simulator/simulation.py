@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# A Warp struct is an object to a checker of Python, not a class.
 """Worlds on a device: build their arrays, run them to rest, read them back."""
 
 from collections.abc import Callable, Sequence

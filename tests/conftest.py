@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import fakes
 import pytest
 
 from common.wire.directory import Directory
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
+from tests import fakes
 
 Start = Callable[..., subprocess.Popen[bytes]]
 START_S = 30.0

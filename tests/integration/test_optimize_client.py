@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from conftest import START_S, Start
-from fakes import make_state
 
 from common.domain.errors import CancelledError, ModelError, RequestError, TimedOutError, UnavailableError
 from common.wire.array import Array
@@ -16,6 +15,7 @@ from common.wire.messages import Health, OptimizeRequest, Progress
 from common.wire.query import ask
 from common.wire.session import Session
 from common.wire.state import StateMessage
+from tests.fakes import make_state
 
 STATE = make_state()
 

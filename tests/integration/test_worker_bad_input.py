@@ -9,7 +9,6 @@ import msgpack
 import numpy as np
 import pytest
 from conftest import START_S
-from fakes import make_state, running
 
 from common.wire.array import Array
 from common.wire.codec import decode
@@ -19,6 +18,7 @@ from common.wire.messages import ErrorReply, PredictReply, PredictRequest
 from common.wire.query import ask
 from common.wire.session import Session
 from common.wire.state import StateMessage
+from tests.fakes import make_state, running
 
 STATE = make_state()
 ACTIONS = np.array([[0.01, 0.02]])

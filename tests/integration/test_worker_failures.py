@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import START_S, Start
-from fakes import Tilted, free_endpoint, make_state, running
 
 from common.domain.errors import ModelError, RequestError, TimedOutError, UnavailableError
 from common.wire.directory import Directory
@@ -20,6 +19,7 @@ from common.wire.query import ask
 from common.wire.remote import RemoteEstimator, RemoteModel
 from common.wire.session import open_router, open_session
 from common.wire.settings import WireSettings
+from tests.fakes import Tilted, free_endpoint, make_state, running
 
 STATE = make_state()
 ACTIONS = np.array([[0.01, 0.02]])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import zenoh
 from conftest import START_S, Start
-from fakes import Radius, Tilted, make_state
 
 from common.domain.errors import BusyError, CancelledError, ExpiredError, TimedOutError, UnknownStateError
 from common.wire.client import list_workers
@@ -21,6 +20,7 @@ from common.wire.messages import CancelReply, Health, PredictReply, PredictReque
 from common.wire.query import ask
 from common.wire.remote import RemoteEstimator, RemoteModel
 from common.wire.session import Session
+from tests.fakes import Radius, Tilted, make_state
 
 STATE = make_state(bodies=True)
 ACTIONS = np.array([[0.01, 0.02], [0.0, -0.03]])

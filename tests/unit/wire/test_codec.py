@@ -4,7 +4,6 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from fakes import make_state
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
@@ -15,6 +14,7 @@ from common.wire.codec import Format, decode, encode
 from common.wire.examples import example_messages
 from common.wire.messages import ErrorReply, OptimizeRequest, PredictRequest
 from common.wire.state import StateMessage
+from tests.fakes import make_state
 
 PACKED = "application/msgpack;PredictRequest"
 

@@ -1,10 +1,10 @@
 import pytest
-from fakes import make_state
 
 from common.domain.errors import RequestError
 from common.wire.codec import Format, decode, encode
 from common.wire.messages import StateRequest
 from common.wire.state import StateMessage
+from tests.fakes import make_state
 
 
 @pytest.mark.parametrize("form", ["msgpack", "json"])

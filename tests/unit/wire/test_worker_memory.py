@@ -1,5 +1,4 @@
 import pytest
-from fakes import make_state
 
 from common.domain.errors import RequestError, UnknownStateError
 from common.wire.cost import CostMeter
@@ -7,6 +6,7 @@ from common.wire.messages import CancelReply
 from common.wire.replies import LARGEST, ReplyCache
 from common.wire.state import StateMessage
 from common.wire.states import StateCache
+from tests.fakes import make_state
 
 
 def test_a_state_that_was_sent_is_found_by_its_digest():

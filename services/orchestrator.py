@@ -1,7 +1,9 @@
 """The orchestrator: answers ``optimize`` queries by running the loop over whoever is alive."""
 
+import logging
 import math
 import queue
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +14,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from common.domain.errors import RequestError, UnavailableError
+from common.domain.errors import FrugalError, RequestError, UnavailableError
 from common.domain.model import Event
 from common.domain.task import Task
 from common.domain.trial import Result, Trial
@@ -32,6 +34,8 @@ from common.wire.session import Session
 from common.wire.settings import WireSettings
 
 Remote = TypeVar("Remote", RemoteModel, RemoteEstimator)
+
+log = logging.getLogger(__name__)
 
 VERSION = "1"
 ANSWER_MARGIN_S = 0.2
@@ -59,7 +63,7 @@ class OrchestratorSettings(BaseSettings):
 
 
 @dataclass(frozen=True)
-class Job:
+class Assignment:
     """A request that was found to be right, and what it means."""
 
     request: OptimizeRequest
@@ -89,7 +93,7 @@ class Orchestrator:
             unique_ids=True,
         )
 
-    def prepare(self, request: OptimizeRequest) -> Job:
+    def prepare(self, request: OptimizeRequest) -> Assignment:
         """Return what a request asks for.
 
         Raises:
@@ -99,9 +103,9 @@ class Orchestrator:
             raise RequestError(f"task: expected {self._task.name}, got {request.task!r}")
         parse_strategy(request.strategy)
         bounds = None if request.bounds is None else np.array(request.bounds)
-        return Job(request, Problem(self._task, request.state.state(), request.target.values(), bounds))
+        return Assignment(request, Problem(self._task, request.state.state(), request.target.values(), bounds))
 
-    def handle(self, job: Job, call: Call) -> OptimizeReply:
+    def handle(self, assignment: Assignment, call: Call) -> OptimizeReply:
         """Run one optimisation, publishing its steps.
 
         Raises:
@@ -109,7 +113,7 @@ class Orchestrator:
             CancelledError: The caller took the request back.
             TimedOutError: The budget ended before the first answer.
         """
-        began, request = time.monotonic(), job.request
+        began, request = time.monotonic(), assignment.request
         news: queue.SimpleQueue[Event] = queue.SimpleQueue()
         seen: list[Event] = []
 
@@ -129,7 +133,7 @@ class Orchestrator:
         publish(kind="accepted", strategy=request.strategy, evaluations=request.evaluations)
         self._listeners.add(news)
         try:
-            result = self._run(job, call, on_trial=on_trial, interrupted=interrupted)
+            result = self._run(assignment, call, on_trial=on_trial, interrupted=interrupted)
         finally:
             self._listeners.discard(news)
         result = replace(result, events=tuple(sorted((*result.events, *seen), key=lambda event: event.time)))
@@ -138,35 +142,53 @@ class Orchestrator:
 
     def _run(
         self,
-        job: Job,
+        assignment: Assignment,
         call: Call,
         *,
         on_trial: Callable[[Trial], None],
         interrupted: Callable[[], bool],
     ) -> Result:
-        request, problem = job.request, job.problem
+        request, problem = assignment.request, assignment.problem
         trusted = request.trusted or self._task.trusted
         required = parse_strategy(request.strategy).required(trusted)
         self._directory.wait_for("model", required, timeout_s=self._settings.patience_s)
-        limits = Limits(timeout_s=self._settings.predict_timeout_s, cancelled=call.cancelled)
+        deadline_s = _deadline_s(request, call)
+        until = time.monotonic() + (math.inf if deadline_s is None else deadline_s + ANSWER_MARGIN_S / 2)
+        finished = threading.Event()
+        limits = Limits(
+            timeout_s=self._settings.predict_timeout_s,
+            remaining=lambda: until - time.monotonic(),
+            cancelled=lambda: call.cancelled() or finished.is_set(),
+        )
         quick = replace(limits, timeout_s=self._settings.estimate_timeout_s)
         models = self._models(problem, limits)
         if required not in models:
-            raise RequestError(f"grid: expected one that {required} takes, got {problem.state.grid}")
-        return optimize(
-            problem,
-            models,
-            self._estimators(problem, quick),
-            strategy=request.strategy,
-            d_max=request.d_max,
-            evaluations=request.evaluations,
-            in_flight=request.in_flight,
-            seed=request.seed,
-            trusted=trusted,
-            deadline_s=_deadline_s(request, call),
-            on_trial=on_trial,
-            cancelled=interrupted,
-        )
+            raise self._refusal(required, problem)
+        try:
+            return optimize(
+                problem,
+                models,
+                self._estimators(problem, quick),
+                strategy=request.strategy,
+                d_max=request.d_max,
+                evaluations=request.evaluations,
+                in_flight=request.in_flight,
+                seed=request.seed,
+                trusted=trusted,
+                deadline_s=deadline_s,
+                on_trial=on_trial,
+                cancelled=interrupted,
+            )
+        finally:
+            finished.set()
+
+    def _refusal(self, model: str, problem: Problem) -> FrugalError:
+        """Return why a model that was alive a moment ago cannot be used."""
+        live = [worker.card for worker in self._directory.workers("model", model) if worker.card is not None]
+        if live:
+            grids = ", ".join(str(card.grid and card.grid.grid()) for card in live)
+            return RequestError(f"grid: expected one that {model} takes ({grids}), got {problem.state.grid}")
+        return UnavailableError(f"expected a live worker for model {model} of {self._task.name}, got none")
 
     def _models(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteModel]:
         """Return the models that take the problem's grid, from cheapest to dearest by measured cost."""
@@ -196,6 +218,7 @@ class Orchestrator:
 
 def run_orchestrator(settings: WireSettings, own: OrchestratorSettings, *, task: Task, instance: str) -> int:
     """Serve ``optimize`` until SIGTERM or SIGINT and return the process's exit code."""
+    log.info("settings: %s", own.model_dump_json())
 
     def build(session: Session) -> Host:
         orchestrator = Orchestrator(task, Directory(session, task=task.name), own, instance=instance)

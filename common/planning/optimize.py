@@ -249,8 +249,8 @@ def _check_options(*, d_max: float, evaluations: int, in_flight: int, seed: int,
         raise RequestError(f"evaluations: expected 1 to {MOST_EVALUATIONS}, got {evaluations}")
     if not 1 <= in_flight <= MOST_IN_FLIGHT:
         raise RequestError(f"in_flight: expected 1 to {MOST_IN_FLIGHT}, got {in_flight}")
-    if not 0 <= d_max <= 1:
-        raise RequestError(f"d_max: expected a number from 0 to 1, got {d_max}")
+    if not 0 < d_max <= 1:
+        raise RequestError(f"d_max: expected a number above 0 and at most 1, got {d_max}")
     if seed < 0:
         raise RequestError(f"seed: expected 0 or more, got {seed}")
     if deadline_s is not None and not 0 < deadline_s < math.inf:

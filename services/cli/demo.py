@@ -10,7 +10,7 @@ import click
 from common.wire.session import open_session, stop_on_signals
 from common.wire.settings import WireSettings
 from services.cli.asking import find_case, say
-from services.cli.optimize import ask, make_request, report, save
+from services.cli.optimize import ask, make_request, prepare, report, save
 from services.cli.processes import Crew
 from services.cli.up import start_system, wait_until_ready
 from services.cli.warm import compile_kernels
@@ -21,11 +21,12 @@ from services.cli.warm import compile_kernels
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True)
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
 @click.option("--in-flight", type=click.IntRange(1, 64), default=4, show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
 def demo(*, scene: str, out: Path, evaluations: int, in_flight: int, seed: int) -> None:
     """Start router, heuristic, two simulators and orchestrator, optimise SCENE, draw it, stop everything."""
     began = time.perf_counter()
     case = find_case(scene)
+    prepare(out)
     compile_kernels()
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     settings = WireSettings(connect=(endpoint,), listen=(endpoint,))

@@ -61,9 +61,24 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         click.echo("frugal: interrupted", err=True)
         sys.exit(130)
+    except OSError as error:
+        click.echo(f"frugal: {error}", err=True)
+        sys.exit(1)
+    except ValueError as error:  # a setting from the environment, as pydantic tells it
+        click.echo(f"frugal: {_in_one_line(error)}", err=True)
+        sys.exit(1)
     except FrugalError as error:
         click.echo(f"frugal: {error.code}: {error}", err=True)
         sys.exit(1)
+
+
+def _in_one_line(error: ValueError) -> str:
+    found = getattr(error, "errors", None)
+    if found is None:
+        return str(error)
+    first = found()[0]
+    name = "FRUGAL_" + "_".join(str(part) for part in first["loc"]).upper()
+    return f"{name}: {first['msg'].replace('Input should be', 'expected')}, got {first['input']!r}"
 
 
 if __name__ == "__main__":

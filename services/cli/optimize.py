@@ -27,8 +27,8 @@ from services.cli.asking import find_case, say
 @click.option("--strategy", default="threshold", show_default=True, help="threshold, only:<model>, random, ...")
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
 @click.option("--in-flight", type=click.IntRange(1, 64), default=1, show_default=True, help="Evaluations at a time.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--d-max", type=click.FloatRange(0, 1), default=0.4, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
+@click.option("--d-max", type=click.FloatRange(0, 1, min_open=True), default=0.4, show_default=True)
 @click.option("--deadline", type=click.FloatRange(0, min_open=True), help="Answer with the best known by then [s].")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for result, trials and figure.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output.")
@@ -39,6 +39,8 @@ def optimize(*, scene: str, out: Path | None, as_json: bool, deadline: float | N
     """
     case = find_case(scene)
     request = make_request(case, deadline_s=deadline, **options)
+    if out is not None:
+        prepare(out)
     with open_session(WireSettings()) as session:
         result = ask(session, request, progress=not as_json)
     if out is not None:
@@ -86,6 +88,13 @@ def _show(bar: Progress, row: TaskID) -> Callable[[Step], None]:
             bar.console.print(f"{step.event.time:6.1f} s  {step.event.worker}: {step.event.kind}, {step.event.detail}")
 
     return show
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder and load what draws the figure, before anything is paid for."""
+    import pipelines.figures  # noqa: F401
+
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def save(folder: Path, case: Case, request: OptimizeRequest, result: Result) -> None:

@@ -14,8 +14,9 @@ from common.wire.session import open_session, stop_on_signals
 from common.wire.settings import WireSettings
 from services.cli.asking import say
 from services.cli.processes import Crew
+from services.cli.warm import compile_kernels
 
-READY_S = 90.0
+READY_S = 180.0
 
 
 @click.command()
@@ -30,14 +31,28 @@ def up(*, simulators: int, logs: Path | None) -> None:
     """
     stop = stop_on_signals()
     settings = WireSettings()
+    own = settings.model_copy(update={"connect": settings.listen})
+    check_free(own)
+    compile_kernels()
     with Crew(environment=os.environ | {"FRUGAL_CONNECT": ",".join(settings.listen)}, log_folder=logs) as crew:
         expected = start_system(crew, simulators=simulators)
-        wait_until_ready(crew, settings.model_copy(update={"connect": settings.listen}), expected, stopped=stop.is_set)
+        wait_until_ready(crew, own, expected, stopped=stop.is_set)
         say("ready; stop with Ctrl-C")
         while not stop.wait(0.5):
             for news in crew.mend():
                 say(news)
         say("stopping")
+
+
+def check_free(settings: WireSettings) -> None:
+    """Raise `UnavailableError` if a router listens already: a second system would join the first one's."""
+    try:
+        session = open_session(settings, wait_s=0.0)
+    except UnavailableError:
+        return
+    session.close()
+    where = ", ".join(settings.connect)
+    raise UnavailableError(f"expected nobody to listen at {where}, got a router: is the system up already?")
 
 
 def start_system(crew: Crew, *, simulators: int) -> Counter[str]:
@@ -64,12 +79,12 @@ def wait_until_ready(
         while not stopped():
             live = Counter(status.address.model or status.address.role for status in list_workers(session))
             missing = expected - live
-            if not missing:
-                return
             if ended := crew.ended():
                 raise UnavailableError(
                     f"expected all processes to start, got an end of {', '.join(ended)}: see its log"
                 )
+            if not missing:
+                return
             if time.monotonic() > deadline:
                 raise UnavailableError(f"expected all workers within {READY_S:g} s, still missing {dict(missing)}")
             time.sleep(0.2)

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import click
 from rich import box
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 
+from common.domain.errors import UnavailableError
 from common.wire.client import follow_progress, list_workers
 from common.wire.messages import Progress
-from common.wire.session import open_session
+from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 from services.cli.workers import table
 
@@ -71,7 +72,16 @@ def watch(*, interval: float, once: bool) -> None:
     """Watch workers and running optimisations until interrupted."""
     runs = Runs()
     with open_session(WireSettings()) as session, follow_progress(session, runs.add), Live() as live:
-        live.update(Group(table(list_workers(session)), runs.table()), refresh=True)
+        live.update(view(session, runs), refresh=True)
         while not once:
             time.sleep(interval)
-            live.update(Group(table(list_workers(session)), runs.table()))
+            live.update(view(session, runs))
+
+
+def view(session: Session, runs: Runs) -> Group:
+    """Return what is to be seen now; a router that is gone for a while is part of it."""
+    try:
+        workers: RenderableType = table(list_workers(session))
+    except UnavailableError as error:
+        workers = str(error)
+    return Group(workers, runs.table())

@@ -38,14 +38,35 @@ def frugal(*arguments: object, endpoint: str) -> subprocess.CompletedProcess[str
         (("serve", "model", "nowhere.py:Model"), "expected FILE.py:CLASS with an existing file"),
         (("serve", "model", "examples/fourth_model.py:Missing"), "expected a subclass of PredictiveModel"),
         (("health", "router"), "expected"),
+        (("optimize", "04-medallion-bare", "--d-max", "0"), "d-max"),
+        (("optimize", "04-medallion-bare", "--seed", "99999999999999999999"), "seed"),
     ],
 )
 def test_an_error_is_one_line_that_says_expected_and_got(arguments: tuple[str, ...], expected: str):
     done = frugal(*arguments, endpoint=free_endpoint())
-    assert done.returncode == 1
+    assert done.returncode in (1, 2)
     assert done.stdout == ""
     assert expected in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
+
+
+def test_a_setting_that_makes_no_sense_is_one_line():
+    command = [sys.executable, "-m", "services.cli.main", "workers"]
+    settings = os.environ | {"FRUGAL_LEASE_S": "abc"}
+    done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "FRUGAL_LEASE_S: expected a valid number" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_second_system_at_the_same_endpoint_is_refused():
+    endpoint = free_endpoint()
+    with Crew(environment=environment(endpoint)) as crew:
+        crew.start("router", "router")
+        with open_session(WireSettings(connect=(endpoint,)), wait_s=20):
+            done = frugal("up", endpoint=endpoint)
+    assert done.returncode == 1
+    assert "is the system up already?" in done.stderr
 
 
 def test_help_names_every_command_and_imports_none_of_them():

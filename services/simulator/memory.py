@@ -93,8 +93,9 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
             wp.atomic_add(worlds.tray_load, w, -k * gap)
     near = worlds.near[w, solid.patch[s]]
     was_near = worlds.was_near[w, solid.patch[s]]
-    for box in range(rigid.boxes):
-        if (near >> box) & 1 == 1:
+    box = int(0)
+    while near != 0:
+        if near & 1 == 1:
             body = rigid.first_box + box
             local = wp.quat_rotate_inv(worlds.q[w, body], point - worlds.p[w, body])
             stretch = wp.vec3()
@@ -103,6 +104,8 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
                 n = wp.vec3(surface[0], surface[1], surface[2])
                 stretch = clipped_stretch(laws, k, surface[3], n, local - worlds.anchor[w, s, FIRST_BOX + box])
             worlds.anchor[w, s, FIRST_BOX + box] = local - stretch
+        near = near >> 1
+        box += 1
 
 
 @wp.kernel(module=MODULE)
@@ -147,8 +150,9 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
             wp.atomic_add(worlds.tray_load, w, -k * gap)
     near = worlds.near[w, rigid.patch[t]]
     was_near = worlds.was_near[w, rigid.patch[t]]
-    for box in range(rigid.boxes):
-        if (near >> box) & 1 == 1:
+    box = int(0)
+    while near != 0:
+        if near & 1 == 1:
             body = rigid.first_box + box
             turn = worlds.q[w, body]
             local = wp.quat_rotate_inv(turn, centre - worlds.p[w, body])
@@ -169,3 +173,5 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
                 orientation, worlds.p[w, body] + wp.quat_rotate(turn, touching) - origin
             )
             worlds.body_anchor[w, t, FIRST_BOX + box] = touching - stretch
+        near = near >> 1
+        box += 1

@@ -11,9 +11,27 @@ PANEL = 4
 """Rows that are eliminated together: each target row is then read and written once instead of four times."""
 
 SOLVE = """
+    const int MOST_COLUMNS = 192;  // six for each of the 32 bodies that the contact search can tell apart
+
     // U^T U of the band, right-looking; the right-hand side and the border are further columns of every row.
     const int PANEL = 4;
     float* const A = bordered.data + (long long)w * n * row;
+    // Border columns of bodies that touch nothing soft are zeros: the others are moved together.
+    int column[MOST_COLUMNS];
+    int width_of_border = 0;
+    for (int b = 0; b + 6 <= m; b += 6) {
+        bool used = false;
+        for (int i = 0; i < n && !used; ++i) {
+            const float* const entry = A + (long long)i * row + band + 1 + b;
+            for (int c = 0; c < 6; ++c) used = used || entry[c] != 0.0f;
+        }
+        for (int c = 0; used && c < 6; ++c) column[width_of_border++] = b + c;
+    }
+    for (int i = 0; i < n; ++i) {
+        float* const border = A + (long long)i * row + band + 1;
+        for (int c = 0; c < width_of_border; ++c) border[c] = border[column[c]];
+    }
+    const int right = band + 1 + width_of_border;
     for (int k0 = 0; k0 < n; k0 += PANEL) {
         const int size = n - k0 < PANEL ? n - k0 : PANEL;
         bool coupled = false;
@@ -23,14 +41,14 @@ SOLVE = """
                 const float* __restrict__ const source = A + (long long)(k0 + o) * row;
                 const float factor = source[p - o];
                 for (int d = 0; d < band - PANEL; ++d) target[d] -= factor * source[d + p - o];
-                for (int c = band; c < row; ++c) target[c] -= factor * source[c];
+                for (int c = band; c < right; ++c) target[c] -= factor * source[c];
             }
             const float pivot = target[0] > 1e-12f ? target[0] : 1e-12f;
             const float scale = 1.0f / sqrtf(pivot);
-            for (int d = 0; d < row; ++d) target[d] *= scale;
-            for (int c = band + 1; c < row; ++c) coupled = coupled || target[c] != 0.0f;
+            for (int d = 0; d < right; ++d) target[d] *= scale;
+            for (int c = band + 1; c < right; ++c) coupled = coupled || target[c] != 0.0f;
         }
-        const int end = coupled ? row : band + 1;
+        const int end = coupled ? right : band + 1;
         const float* __restrict__ const r0 = A + (long long)k0 * row;
         const float* __restrict__ const r1 = r0 + (size > 1 ? row : 0);
         const float* __restrict__ const r2 = r0 + (size > 2 ? 2 * row : 0);
@@ -55,11 +73,11 @@ SOLVE = """
             for (int p = 0; p < size; ++p) {
                 const float* __restrict__ const load = A + (long long)(k0 + p) * row + band;
                 const float* __restrict__ const border = load + 1;
-                for (int a = 0; a < m; ++a) {
+                for (int a = 0; a < width_of_border; ++a) {
                     if (border[a] == 0.0f) continue;
-                    float* __restrict__ const target = corner.data + ((long long)w * m + a) * m;
-                    for (int b = a; b < m; ++b) target[b] -= border[a] * border[b];
-                    corner_load.data[w * m + a] -= border[a] * load[0];
+                    float* __restrict__ const target = corner.data + ((long long)w * m + column[a]) * m;
+                    for (int b = a; b < width_of_border; ++b) target[column[b]] -= border[a] * border[b];
+                    corner_load.data[w * m + column[a]] -= border[a] * load[0];
                 }
             }
         }
@@ -87,6 +105,8 @@ SOLVE = """
         y[k] = sum / C[k * m + k];
     }
     // Back substitution; eight partial sums let the compiler use vectors.
+    float shift[MOST_COLUMNS];
+    for (int c = 0; c < width_of_border; ++c) shift[c] = y[column[c]];
     float* const x = (float*)direction.data + (long long)w * n;
     for (int k = n - 1; k >= 0; --k) {
         const float* __restrict__ const source = A + (long long)k * row;
@@ -97,10 +117,7 @@ SOLVE = """
             for (int l = 0; l < 8; ++l) sums[l] += source[1 + d + l] * x[k + 1 + d + l];
         float sum = source[band];
         for (; d < length; ++d) sum -= source[1 + d] * x[k + 1 + d];
-        int b = 0;
-        for (; b + 8 <= m; b += 8)
-            for (int l = 0; l < 8; ++l) sums[l] += source[band + 1 + b + l] * y[b + l];
-        for (; b < m; ++b) sum -= source[band + 1 + b] * y[b];
+        for (int c = 0; c < width_of_border; ++c) sum -= source[band + 1 + c] * shift[c];
         for (int l = 0; l < 8; ++l) sum -= sums[l];
         x[k] = sum / source[0];
     }

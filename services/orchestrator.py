@@ -27,7 +27,8 @@ from common.wire.dispatch import Limits
 from common.wire.endpoint import Endpoint
 from common.wire.host import Host
 from common.wire.keys import alias
-from common.wire.messages import Card, EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.messages import Card
+from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.remote import RemoteEstimator, RemoteModel
 from common.wire.run import run_host
 from common.wire.session import Session
@@ -88,7 +89,7 @@ class Orchestrator:
             request=OptimizeRequest,
             handler=self.handle,
             prepare=self.prepare,
-            identity=lambda request: request,
+            identity=OptimizeRequest.identity,
             alias=alias("*", "optimize"),
             unique_ids=True,
         )

@@ -24,7 +24,8 @@ from common.domain.scene import Item, Scene, State
 from common.wire.call import Call
 from common.wire.endpoint import Endpoint
 from common.wire.host import Host
-from common.wire.messages import Card, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.messages import Card
+from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.router import run_router
 from common.wire.run import run_host
 from common.wire.serve import host_estimator, host_model

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from common.wire.messages import Progress
+from common.wire.optimization import Progress
 
 
 class Call:

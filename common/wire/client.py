@@ -13,7 +13,8 @@ import zenoh.ext
 from common.domain.errors import CancelledError, RequestError, TimedOutError, UnavailableError
 from common.wire.codec import Message, decode
 from common.wire.keys import Address, alias, every_live, every_orchestrator, every_worker, parse_address
-from common.wire.messages import Card, Health, OptimizeReply, OptimizeRequest, Progress
+from common.wire.messages import Card, Health
+from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
 from common.wire.query import NoReplyError, ask, never
 from common.wire.session import is_connected
 

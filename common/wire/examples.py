@@ -14,15 +14,11 @@ from common.wire.messages import (
     ErrorReply,
     EstimateReply,
     EstimateRequest,
-    EventMessage,
     Health,
-    OptimizeReply,
-    OptimizeRequest,
     PredictReply,
     PredictRequest,
-    Progress,
-    TrialMessage,
 )
+from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.state import GridMessage, StateMessage
 
 GRID = Grid(4, 6, 0.01)

@@ -25,8 +25,9 @@ from common.wire.cost import CostMeter
 from common.wire.endpoint import Endpoint
 from common.wire.job import Job
 from common.wire.keys import Address, check_name
-from common.wire.messages import CancelReply, Card, ErrorReply, Health, Progress, Reply
+from common.wire.messages import CancelReply, Card, ErrorReply, Health, Reply
 from common.wire.metrics import ENCODING, exposition
+from common.wire.optimization import Progress
 from common.wire.progress import ProgressBoard
 from common.wire.replies import ReplyCache
 

@@ -1,7 +1,6 @@
 """Messages between processes. SI units; times are durations in seconds; requests refuse fields they do not know."""
 
 import uuid
-from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -10,9 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.domain.deviation import Estimates
 from common.domain.errors import ERRORS, FrugalError
-from common.domain.model import Event, Predictions
+from common.domain.model import Predictions
 from common.domain.scene import State
-from common.domain.trial import Result, Trial
 from common.wire.array import Array
 from common.wire.keys import NAME_PATTERN, VERSION, Role
 from common.wire.state import GridMessage, StateMessage
@@ -183,151 +181,3 @@ class ErrorReply(Reply):
     def error(self) -> FrugalError:
         """Return the error that the sender raised; an unknown code gives the root class."""
         return ERRORS.get(self.code, FrugalError)(self.message)
-
-
-class EventMessage(Reply):
-    """Something that went wrong and was dealt with, or a worker that came or left."""
-
-    kind: str
-    worker: str
-    detail: str
-    time: float
-
-    @classmethod
-    def of(cls, event: Event) -> Self:
-        """Return an event as a message."""
-        return cls(kind=event.kind, worker=event.worker, detail=event.detail, time=event.time)
-
-    def event(self) -> Event:
-        """Return the event."""
-        return Event(self.kind, self.worker, self.detail, self.time)
-
-
-class TrialMessage(Reply):
-    """One evaluated action, as in `common.domain.trial.Trial`."""
-
-    index: Count
-    action: tuple[float, ...]
-    model: str
-    instance: str
-    version: str
-    reward: float | None
-    estimates: dict[str, float] = {}
-    warning: str = ""
-    started_s: float = 0.0
-    predict_s: float = 0.0
-    compute_s: float = 0.0
-    error: str = ""
-
-    @classmethod
-    def of(cls, trial: Trial) -> Self:
-        """Return a trial as a message."""
-        return cls(**vars(trial))
-
-    def trial(self) -> Trial:
-        """Return the trial."""
-        return Trial(**dict(self))
-
-
-class OptimizeRequest(Request):
-    """Asks an orchestrator for the best action: the one whose outcome is nearest to the target.
-
-    ``bounds`` holds smallest and largest value of each action parameter [m], the task's own if None; ``d_max`` is the
-    largest deviation at which a fast model is trusted, scaled to [0, 1]; ``deadline_s`` ends the search early.
-    """
-
-    task: Name = "plating"
-    state: StateMessage
-    target: Array
-    bounds: Annotated[tuple[tuple[float, float], ...], Field(min_length=1, max_length=16)] | None = None
-    strategy: Annotated[str, Field(min_length=1, max_length=100)] = "threshold"
-    evaluations: Annotated[int, Field(ge=1, le=5000)] = 50
-    in_flight: Annotated[int, Field(ge=1, le=64)] = 1
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    d_max: Annotated[float, Field(gt=0, le=1)] = 0.4
-    deadline_s: Annotated[float, Field(gt=0)] | None = None
-    trusted: Name | None = None
-
-    @model_validator(mode="after")
-    def _bounds_are_open(self) -> Self:
-        for index, (low, high) in enumerate(self.bounds or ()):
-            if not low < high:
-                raise ValueError(f"bounds: expected low < high for parameter {index}, got {low:g} and {high:g}")
-        return self
-
-
-class OptimizeReply(Reply):
-    """The best action and its evidence, as in `common.domain.trial.Result`."""
-
-    id: str
-    task: str
-    action: tuple[float, ...]
-    reward: float
-    heights: Array
-    trials: tuple[TrialMessage, ...]
-    usage: dict[str, int]
-    models: dict[str, str]
-    split_s: dict[str, float]
-    wall_s: float
-    events: tuple[EventMessage, ...]
-    strategy: str
-    seed: int
-    instance: str
-
-    @classmethod
-    def of(cls, result: Result, *, request_id: str, task: str, instance: str) -> Self:
-        """Return a result as a message."""
-        fields = vars(result) | {
-            "heights": Array.of(result.heights),
-            "trials": tuple(TrialMessage.of(trial) for trial in result.trials),
-            "events": tuple(EventMessage.of(event) for event in result.events),
-        }
-        return cls(id=request_id, task=task, instance=instance, **fields)
-
-    def result(self) -> Result:
-        """Return the result."""
-        fields = dict(self) | {
-            "heights": np.asarray(self.heights.values(), dtype=np.float32),
-            "trials": tuple(trial.trial() for trial in self.trials),
-            "events": tuple(event.event() for event in self.events),
-        }
-        return Result(**{name: fields[name] for name in Result.__dataclass_fields__})
-
-
-class Progress(Reply):
-    """One step of a running optimisation. The host fills in ``id`` and ``index``, which counts from 0 without gaps.
-
-    ``accepted`` comes first and carries ``evaluations``; ``trial`` and ``event`` carry theirs; the last is ``finished``
-    with action and reward, or ``failed`` with the error.
-    """
-
-    kind: Literal["accepted", "trial", "event", "finished", "failed"]
-    id: str = ""
-    index: Count = 0
-    time: Seconds = 0.0
-    strategy: str | None = None
-    evaluations: int | None = None
-    trial: TrialMessage | None = None
-    event: EventMessage | None = None
-    action: tuple[float, ...] | None = None
-    reward: float | None = None
-    error: ErrorReply | None = None
-
-
-MESSAGES: Mapping[str, type[BaseModel]] = {
-    message.__name__: message
-    for message in (
-        PredictRequest,
-        PredictReply,
-        EstimateRequest,
-        EstimateReply,
-        OptimizeRequest,
-        OptimizeReply,
-        Progress,
-        Card,
-        Health,
-        CancelReply,
-        ErrorReply,
-    )
-}
-"""Name in the encoding -> message, for all that travel as a payload of their own."""

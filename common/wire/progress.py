@@ -8,7 +8,7 @@ import zenoh.ext
 
 from common.wire.codec import encode
 from common.wire.keys import Address
-from common.wire.messages import Progress
+from common.wire.optimization import Progress
 
 STEPS_KEPT = 8192
 REQUESTS_KEPT = 32

@@ -6,14 +6,44 @@ yet; those that exist are never rewritten, because old messages have to stay rea
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+
+from pydantic import BaseModel
 
 from common.wire.codec import encode
 from common.wire.examples import example_messages
-from common.wire.messages import MESSAGES
+from common.wire.messages import (
+    CancelReply,
+    Card,
+    ErrorReply,
+    EstimateReply,
+    EstimateRequest,
+    Health,
+    PredictReply,
+    PredictRequest,
+)
+from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
 
 FOLDER = Path(__file__).parents[2] / "proto_schemas"
 REFRESH = "python -m common.wire.schemas"
+MESSAGES: Mapping[str, type[BaseModel]] = {
+    message.__name__: message
+    for message in (
+        PredictRequest,
+        PredictReply,
+        EstimateRequest,
+        EstimateReply,
+        OptimizeRequest,
+        OptimizeReply,
+        Progress,
+        Card,
+        Health,
+        CancelReply,
+        ErrorReply,
+    )
+}
+"""Name in the encoding -> message, for all that travel as a payload of their own."""
 
 
 def schemas() -> dict[str, str]:

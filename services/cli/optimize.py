@@ -13,8 +13,8 @@ from common.domain.trial import Result
 from common.storage.results import action_error, summarize, write_result
 from common.wire import client
 from common.wire.array import Array
-from common.wire.messages import OptimizeRequest
-from common.wire.messages import Progress as Step
+from common.wire.optimization import OptimizeRequest
+from common.wire.optimization import Progress as Step
 from common.wire.query import never
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from common.domain.errors import UnavailableError
 from common.wire.client import follow_progress, list_workers
-from common.wire.messages import Progress
+from common.wire.optimization import Progress
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 from services.cli.workers import table

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from common.wire.codec import decode
-from common.wire.messages import MESSAGES
-from common.wire.schemas import FOLDER, REFRESH, schemas
+from common.wire.schemas import FOLDER, MESSAGES, REFRESH, schemas
 from common.wire.state import StateMessage
 
 EXAMPLES = sorted((FOLDER / "examples").glob("*.*"))

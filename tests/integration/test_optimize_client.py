@@ -11,7 +11,8 @@ from common.domain.errors import CancelledError, ModelError, RequestError, Timed
 from common.wire.array import Array
 from common.wire.client import follow_progress, list_workers, optimize
 from common.wire.directory import Directory
-from common.wire.messages import Health, OptimizeRequest, Progress
+from common.wire.messages import Health
+from common.wire.optimization import OptimizeRequest, Progress
 from common.wire.query import ask
 from common.wire.session import Session
 from common.wire.state import StateMessage

@@ -20,7 +20,7 @@ from common.planning.problem import Problem
 from common.tasks import TASKS
 from common.wire import client
 from common.wire.array import Array
-from common.wire.messages import OptimizeRequest, Progress
+from common.wire.optimization import OptimizeRequest, Progress
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 from common.wire.state import StateMessage
@@ -286,3 +286,14 @@ def test_a_model_of_another_grid_is_the_requests_fault(system: System):
     request = a_request(state=StateMessage.of(wide), target=Array.of(wide.scene.heights))
     with pytest.raises(RequestError, match="grid: expected one that simulator takes"):
         client.optimize(system.session, request, timeout_s=10)
+
+
+def test_when_the_only_worker_stops_the_error_names_the_model(system: System):
+    victim = system.start("slow", "only")
+
+    def on_progress(step: Progress) -> None:
+        if step.kind == "trial":
+            victim.send_signal(signal.SIGSTOP)
+
+    with pytest.raises((UnavailableError, TimedOutError), match="simulator"):
+        system.optimize(on_progress=on_progress)

@@ -16,7 +16,7 @@ import zenoh
 from common.domain.case import Case
 from common.storage.cases import write_case
 from common.wire.client import list_workers
-from common.wire.messages import OptimizeRequest
+from common.wire.optimization import OptimizeRequest
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 from services.cli.optimize import make_request

@@ -12,7 +12,8 @@ from common.domain.errors import RequestError
 from common.wire.array import Array
 from common.wire.codec import Format, decode, encode
 from common.wire.examples import example_messages
-from common.wire.messages import ErrorReply, OptimizeRequest, PredictRequest
+from common.wire.messages import ErrorReply, PredictRequest
+from common.wire.optimization import OptimizeRequest
 from common.wire.state import StateMessage
 from tests.fakes import make_state
 

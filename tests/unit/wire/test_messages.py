@@ -4,7 +4,12 @@ import pytest
 from common.domain.errors import ERRORS, FrugalError
 from common.domain.model import Event
 from common.domain.trial import Result, Trial
-from common.wire.messages import Card, ErrorReply, OptimizeReply, OptimizeRequest, StateRequest
+from common.wire.array import Array
+from common.wire.codec import Format, decode, encode
+from common.wire.messages import Card, ErrorReply, StateRequest
+from common.wire.optimization import OptimizeReply, OptimizeRequest
+from common.wire.state import StateMessage
+from tests.fakes import make_state
 
 
 @pytest.mark.parametrize("code", ERRORS)
@@ -54,3 +59,33 @@ def test_the_defaults_of_an_optimisation_are_the_paper_s():
 def test_replies_may_say_more_than_this_version_knows():
     raw = {"task": "plating", "role": "model", "model": "m", "instance": "a", "version": "1", "colour": "blue"}
     assert Card.model_validate(raw).model == "m"
+
+
+def a_request(**changes: object) -> OptimizeRequest:
+    state = make_state(bodies=True)
+    fields = {"id": "same", "state": StateMessage.of(state), "target": Array.of(state.scene.heights), **changes}
+    return OptimizeRequest.model_validate(fields)
+
+
+@pytest.mark.parametrize("form", ["msgpack", "json"])
+def test_the_same_optimisation_has_the_same_identity_after_travelling(form: Format):
+    request = a_request(bounds=((-0.01, 0.01), (0.0, 0.02)))
+    assert decode(*encode(request, form=form), OptimizeRequest).identity() == request.identity()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"id": "other"},
+        {"state": StateMessage.of(make_state(1, bodies=True))},
+        {"state": StateMessage.of(make_state())},
+        {"target": Array.of(np.zeros((8, 10), np.float32))},
+        {"bounds": ((-0.01, 0.01), (0.0, 0.02))},
+        {"strategy": "random"},
+        {"seed": 1},
+        {"deadline_s": 1.0},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_an_optimisation_that_differs_in_one_field_has_another_identity(changes: dict[str, object]):
+    assert a_request(**changes).identity() != a_request().identity()

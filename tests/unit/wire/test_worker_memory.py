@@ -1,8 +1,10 @@
+import numpy as np
 import pytest
 
 from common.domain.errors import RequestError, UnknownStateError
+from common.wire.array import Array
 from common.wire.cost import CostMeter
-from common.wire.messages import CancelReply
+from common.wire.messages import CancelReply, PredictReply
 from common.wire.replies import LARGEST, ReplyCache
 from common.wire.state import StateMessage
 from common.wire.states import StateCache
@@ -69,3 +71,31 @@ def test_an_answer_without_identity_is_not_kept():
     cache = ReplyCache()
     cache.keep(None, CancelReply(id="x", found=True))
     assert cache.find(None) is None
+
+
+def reply_of(count: int) -> PredictReply:
+    heights = Array.of(np.zeros((count, 8, 10), dtype=np.float32))
+    return PredictReply(heights=heights, warnings=("",) * count, model="m", version="1", instance="a", compute_s=0.1)
+
+
+def test_answers_are_forgotten_by_size_too():
+    cache, replies = ReplyCache(largest_bytes=2**20), [reply_of(1000) for _ in range(4)]
+    for number, reply in enumerate(replies):
+        cache.keep(number, reply)
+    assert [cache.find(number) for number in range(4)] == [None, None, replies[2], replies[3]]
+
+
+def test_an_answer_that_is_too_large_is_not_kept_and_drives_no_other_out():
+    cache, small = ReplyCache(largest_bytes=2**20), reply_of(1)
+    cache.keep("small", small)
+    cache.keep("large", reply_of(4096))
+    assert cache.find("large") is None
+    assert cache.find("small") is small
+
+
+def test_an_answer_that_is_kept_twice_counts_once():
+    cache, other = ReplyCache(largest_bytes=2**20), reply_of(1000)
+    cache.keep("other", other)
+    for _ in range(5):
+        cache.keep("again", reply_of(1000))
+    assert cache.find("other") is other

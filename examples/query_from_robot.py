@@ -12,15 +12,65 @@ import json
 import os
 import struct
 import sys
+import uuid
 import zipfile
 from pathlib import Path
 
 import msgpack
 import zenoh
 
-KEY = "frugal/@v1/plating/optimize"
+PREFIX = "frugal/@v1/plating"
 ENDPOINT = os.environ.get("FRUGAL_CONNECT", "tcp/127.0.0.1:7447")
 TIMEOUT_S = 300.0
+
+
+def ask(request: dict) -> dict:
+    """Send an OptimizeRequest and return the OptimizeReply as a map, or leave with the reason why there is none."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps(ENDPOINT.split(",")))
+    with zenoh.open(config) as session:
+        try:
+            replies = session.get(
+                f"{PREFIX}/optimize",
+                payload=msgpack.packb(request),
+                encoding=zenoh.Encoding("application/msgpack").with_schema("OptimizeRequest"),
+                attachment=str(TIMEOUT_S),
+                timeout=TIMEOUT_S,
+            )
+            for reply in replies:
+                if reply.ok is not None:
+                    return msgpack.unpackb(reply.ok.payload.to_bytes())
+                if str(reply.err.encoding) == "zenoh/string":
+                    sys.exit(f"no answer: {reply.err.payload.to_string()}")
+                sys.exit("refused: {code}: {message}".format(**msgpack.unpackb(reply.err.payload.to_bytes())))
+        except KeyboardInterrupt:
+            session.get(f"{PREFIX}/orchestrator/*/cancel/{request['id']}", timeout=1.0)
+            sys.exit("interrupted; the orchestrator was told")
+    sys.exit(f"no reply: nobody serves {PREFIX}/optimize")
+
+
+def main() -> None:
+    """Send the request, print the answer."""
+    default = Path(__file__).parent / "scenes" / "01-steak-heap.npz"
+    answer = ask(make_request(Path(sys.argv[1]) if len(sys.argv) > 1 else default))
+    print(f"{answer['action'][0]:.6f} {answer['action'][1]:.6f}")
+    print(f"mean height error {-answer['reward'] * 1e3:.3f} mm, models used: {answer['usage']}", file=sys.stderr)
+
+
+def make_request(path: Path) -> dict:
+    """Return an OptimizeRequest for a case file."""
+    arrays = read_arrays(path)
+    rows, columns = arrays["scene_heights"]["shape"]
+    scene = {"heights": arrays["scene_heights"], "materials": arrays["scene_materials"], "bodies": known_bodies(arrays)}
+    item = {"heights": arrays["item_heights"], "materials": arrays["item_materials"]}
+    grid = {"rows": rows, "columns": columns, "cell": cell_size(arrays)}
+    return {
+        "state": {"grid": grid, "scene": scene, "item": item},
+        "target": arrays["target"],
+        "seed": 0,
+        "id": uuid.uuid4().hex,
+    }
 
 
 def read_arrays(path: Path) -> dict[str, dict]:
@@ -65,44 +115,5 @@ def known_bodies(arrays: dict[str, dict]) -> dict | None:
     return {"plate": plate, "boxes": boxes}
 
 
-def make_request(path: Path) -> dict:
-    """Return an OptimizeRequest for a case file."""
-    arrays = read_arrays(path)
-    rows, columns = arrays["scene_heights"]["shape"]
-    scene = {"heights": arrays["scene_heights"], "materials": arrays["scene_materials"], "bodies": known_bodies(arrays)}
-    item = {"heights": arrays["item_heights"], "materials": arrays["item_materials"]}
-    grid = {"rows": rows, "columns": columns, "cell": cell_size(arrays)}
-    return {"state": {"grid": grid, "scene": scene, "item": item}, "target": arrays["target"], "seed": 0}
-
-
-def main() -> int:
-    """Send the request, print the answer."""
-    default = Path(__file__).parent / "scenes" / "01-steak-heap.npz"
-    request = make_request(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
-    with zenoh.open(config) as session:
-        replies = session.get(
-            KEY,
-            payload=msgpack.packb(request),
-            encoding=zenoh.Encoding("application/msgpack").with_schema("OptimizeRequest"),
-            timeout=TIMEOUT_S,
-        )
-        for reply in replies:
-            if reply.ok is None:
-                error = reply.err.payload.to_bytes()
-                print("refused:", msgpack.unpackb(error) if error[:1] != b"T" else error.decode(), file=sys.stderr)
-                return 1
-            answer = msgpack.unpackb(reply.ok.payload.to_bytes())
-            print(f"{answer['action'][0]:.6f} {answer['action'][1]:.6f}")
-            print(
-                f"mean height error {-answer['reward'] * 1e3:.3f} mm, models used: {answer['usage']}", file=sys.stderr
-            )
-            return 0
-    print(f"no reply: nobody serves {KEY}", file=sys.stderr)
-    return 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

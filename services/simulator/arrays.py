@@ -26,6 +26,9 @@ TRAY = wp.constant(1)
 FIRST_BOX = wp.constant(2)
 """Numbers of the obstacles."""
 
+NEAR_PLATE = wp.constant(1 << 30)
+"""The bit that stands for the plate in the bit sets of what is near; the lower ones are boxes."""
+
 
 @wp.struct
 class Laws:
@@ -125,7 +128,7 @@ class Worlds:
     pd: wp.array2d[wp.vec3]  # direction: shift, turn
     qd: wp.array2d[wp.vec3]
     turn: wp.array2d[wp.mat33]  # (W, E) rotation of each hexahedron
-    near: wp.array2d[int]  # (W, P) bit set of boxes near each patch
+    near: wp.array2d[int]  # (W, P) bit set of what is near each patch
     was_near: wp.array2d[int]
     anchor: wp.array3d[wp.vec3]  # (W, S, K) in the obstacle's frame
     grip: wp.array3d[wp.vec3]  # (W, T, K) touching point in the body's frame

@@ -21,6 +21,7 @@ import warp as wp
 from services.simulator.arrays import (
     DIRECTION,
     FIRST_BOX,
+    NEAR_PLATE,
     PLATE,
     START,
     TRAY,
@@ -170,10 +171,13 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
             return
     elif phase != START and phase != TRIAL:
         return
+    kind = solid.kind[s]
+    near = worlds.near[w, solid.patch[s]]
+    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+        return
     point = node_mix(solid, worlds, w, s)
     k = solid.normal_stiffness[s]
-    kind = solid.kind[s]
-    if kind <= FEELS_PLATE:
+    if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
         surface = plate_distance(plate, point)
         if surface[3] < 0.0:
             n = wp.vec3(surface[0], surface[1], surface[2])
@@ -191,7 +195,7 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
                 add_sample_tangent(solid, system, w, s, contact_tangent(laws, k, gap, n, stretch))
             else:
                 add_sample_force(solid, worlds, w, s, contact_force(laws, k, gap, n, stretch))
-    near = worlds.near[w, solid.patch[s]]
+    near = near & ~NEAR_PLATE
     box = int(0)
     while near != 0:
         if near & 1 == 1:
@@ -225,13 +229,16 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
             return
     elif phase != START and phase != TRIAL:
         return
+    kind = rigid.kind[t]
+    near = worlds.near[w, rigid.patch[t]]
+    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+        return
     own = rigid.body[t]
     orientation = worlds.q[w, own]
     centre = worlds.p[w, own] + wp.quat_rotate(orientation, rigid.point[t])
     k = rigid.normal_stiffness[t]
     radius = rigid.radius[t]
-    kind = rigid.kind[t]
-    if kind <= FEELS_PLATE:
+    if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
         surface = plate_distance(plate, centre)
         gap = surface[3] - radius
         if gap < 0.0:
@@ -252,7 +259,7 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
                 add_body_block(system, w, own, own, arm, arm, contact_tangent(laws, k, gap, n, stretch))
             else:
                 add_body_force(worlds, w, own, arm, contact_force(laws, k, gap, n, stretch))
-    near = worlds.near[w, rigid.patch[t]]
+    near = near & ~NEAR_PLATE
     box = int(0)
     while near != 0:
         if near & 1 == 1:

@@ -10,6 +10,7 @@ import warp as wp
 from services.simulator.arrays import (
     ENDED,
     FIRST_BOX,
+    NEAR_PLATE,
     PLATE,
     TRAY,
     Laws,
@@ -23,13 +24,20 @@ from services.simulator.device import MODULE
 from services.simulator.surfaces import box_distance, plate_distance
 
 MARGIN = wp.constant(0.006)
-"""Boxes this much beyond touching count as near for the length of one step [m]."""
+"""What is this much beyond touching counts as near for the length of one step [m]."""
 
 
 @wp.func(module=MODULE)
-def boxes_near(rigid: Rigid, worlds: Worlds, w: int, centre: wp.vec3, radius: float, own: int):
-    """Return the bit set of boxes that a sphere may touch in the next step, ``own`` left out."""
+def obstacles_near(plate: Plates, rigid: Rigid, worlds: Worlds, w: int, centre: wp.vec3, radius: float, own: int):
+    """Return the bit set of boxes that a sphere may touch in the next step, ``own`` left out, and `NEAR_PLATE`."""
     near = int(0)
+    r = wp.sqrt(centre[0] * centre[0] + centre[1] * centre[1])
+    last = plate.ceiling.shape[0] - 1
+    inner = wp.min(int(wp.max(r - radius, 0.0) / plate.bin), last)
+    outer = wp.min(int((r + radius) / plate.bin), last)
+    for ring in range(inner, outer + 1):
+        if centre[2] - radius - MARGIN < plate.ceiling[ring]:
+            near = NEAR_PLATE
     for box in range(rigid.boxes):
         body = rigid.first_box + box
         if body != own:
@@ -42,8 +50,8 @@ def boxes_near(rigid: Rigid, worlds: Worlds, w: int, centre: wp.vec3, radius: fl
 
 
 @wp.kernel(module=MODULE)
-def find_near_soft(solid: Solid, rigid: Rigid, worlds: Worlds):
-    """Note which boxes are near each hexahedron of the soft item."""
+def find_near_soft(plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds):
+    """Note what is near each hexahedron of the soft item."""
     w, e = wp.tid()
     if worlds.phase[w] != ENDED:
         return
@@ -54,12 +62,12 @@ def find_near_soft(solid: Solid, rigid: Rigid, worlds: Worlds):
     for i in range(8):
         radius = wp.max(radius, wp.length(worlds.x[w, solid.cells[e, i]] - centre))
     worlds.was_near[w, e] = worlds.near[w, e]
-    worlds.near[w, e] = boxes_near(rigid, worlds, w, centre, radius, -1)
+    worlds.near[w, e] = obstacles_near(plate, rigid, worlds, w, centre, radius, -1)
 
 
 @wp.kernel(module=MODULE)
-def find_near_rigid(rigid: Rigid, worlds: Worlds):
-    """Note which boxes are near each patch of the rigid bodies."""
+def find_near_rigid(plate: Plates, rigid: Rigid, worlds: Worlds):
+    """Note what is near each patch of the rigid bodies."""
     w, patch = wp.tid()
     if worlds.phase[w] != ENDED:
         return
@@ -67,7 +75,7 @@ def find_near_rigid(rigid: Rigid, worlds: Worlds):
     centre = worlds.p[w, own] + wp.quat_rotate(worlds.q[w, own], rigid.patch_centre[patch])
     slot = rigid.first_patch + patch
     worlds.was_near[w, slot] = worlds.near[w, slot]
-    worlds.near[w, slot] = boxes_near(rigid, worlds, w, centre, rigid.patch_radius[patch], own)
+    worlds.near[w, slot] = obstacles_near(plate, rigid, worlds, w, centre, rigid.patch_radius[patch], own)
 
 
 @wp.kernel(module=MODULE)
@@ -76,23 +84,28 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
     w, s = wp.tid()
     if worlds.phase[w] != ENDED:
         return
+    kind = solid.kind[s]
+    near = worlds.near[w, solid.patch[s]]
+    was_near = worlds.was_near[w, solid.patch[s]]
+    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+        return
     point = node_mix(solid, worlds, w, s)
     k = solid.normal_stiffness[s]
-    kind = solid.kind[s]
     fresh = worlds.fresh[w]
-    if kind <= FEELS_PLATE:
-        surface = plate_distance(plate, point)
-        n = wp.vec3(surface[0], surface[1], surface[2])
-        stretch = clipped_stretch(laws, k, surface[3], n, point - worlds.anchor[w, s, PLATE])
-        worlds.anchor[w, s, PLATE] = point - stretch * float(1 - fresh)
+    if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
+        stretch = wp.vec3()
+        if was_near & NEAR_PLATE != 0:
+            surface = plate_distance(plate, point)
+            n = wp.vec3(surface[0], surface[1], surface[2])
+            stretch = clipped_stretch(laws, k, surface[3], n, point - worlds.anchor[w, s, PLATE])
+        worlds.anchor[w, s, PLATE] = point - stretch
     if kind == FEELS_TRAY and worlds.tray_on[w] == 1:
         gap = point[2] - worlds.tray[w]
         stretch = clipped_stretch(laws, k, gap, wp.vec3(0.0, 0.0, 1.0), point - worlds.anchor[w, s, TRAY])
         worlds.anchor[w, s, TRAY] = point - stretch * float(1 - fresh)
         if gap < 0.0:
             wp.atomic_add(worlds.tray_load, w, -k * gap)
-    near = worlds.near[w, solid.patch[s]]
-    was_near = worlds.was_near[w, solid.patch[s]]
+    near = near & ~NEAR_PLATE
     box = int(0)
     while near != 0:
         if near & 1 == 1:
@@ -118,19 +131,23 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
     w, t = wp.tid()
     if worlds.phase[w] != ENDED:
         return
+    kind = rigid.kind[t]
+    near = worlds.near[w, rigid.patch[t]]
+    was_near = worlds.was_near[w, rigid.patch[t]]
+    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+        return
     own = rigid.body[t]
     orientation = worlds.q[w, own]
     origin = worlds.p[w, own]
     centre = origin + wp.quat_rotate(orientation, rigid.point[t])
     k = rigid.normal_stiffness[t]
     radius = rigid.radius[t]
-    kind = rigid.kind[t]
     fresh = worlds.fresh[w]
-    if kind <= FEELS_PLATE:
+    if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
         surface = plate_distance(plate, centre)
         n = wp.vec3(surface[0], surface[1], surface[2])
         stretch = wp.vec3()
-        if fresh == 0:
+        if was_near & NEAR_PLATE != 0:
             old = origin + wp.quat_rotate(orientation, worlds.grip[w, t, PLATE])
             stretch = clipped_stretch(laws, k, surface[3] - radius, n, old - worlds.body_anchor[w, t, PLATE])
         touching = centre - radius * n
@@ -148,8 +165,7 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
         worlds.body_anchor[w, t, TRAY] = touching - stretch
         if gap < 0.0:
             wp.atomic_add(worlds.tray_load, w, -k * gap)
-    near = worlds.near[w, rigid.patch[t]]
-    was_near = worlds.was_near[w, rigid.patch[t]]
+    near = near & ~NEAR_PLATE
     box = int(0)
     while near != 0:
         if near & 1 == 1:

@@ -20,7 +20,7 @@ from services.simulator.simulation import Outcome, Simulation
 UNCHANGED = 1e-4
 """Where the drawn scene changes by less than this, the state's own height is kept [m]."""
 
-MOST_BOXES = 31
+MOST_BOXES = 30
 """Boxes that fit in the bit sets of the contact search."""
 
 

@@ -241,8 +241,8 @@ class Simulation:
         nodes, bodies = self.nodes, self.bodies
         cells, samples, points, patches = self._cells, self._samples, self._points, self._patches
         tick = (
-            (memory.find_near_soft, cells, (solid, rigid, worlds)),
-            (memory.find_near_rigid, patches, (rigid, worlds)),
+            (memory.find_near_soft, cells, (plate, solid, rigid, worlds)),
+            (memory.find_near_rigid, patches, (plate, rigid, worlds)),
             (memory.remember_soft, samples, (laws, plate, solid, rigid, worlds)),
             (memory.remember_rigid, points, (laws, plate, rigid, worlds)),
             (stepping.next_step, None, (laws, worlds)),

@@ -166,3 +166,24 @@ def test_boxes_inside_each_other_are_the_callers_fault(
 ) -> None:
     with pytest.raises(RequestError, match="expected boxes that do not overlap"):
         model.predict(state_of(slab(), (fry(0, 0, 0.005), fry(0.002, 0, 0.006, 0.8))), np.zeros((1, 2)))
+
+
+def test_a_scene_known_only_by_its_heightmap_gives_nearly_the_same_outcome(
+    model: SimulatorModel, slab: Slab, state_of: Make, fry: Fry
+) -> None:
+    boxes = settle_boxes(dinner_plate(), [fry(0.01, 0, 0.006, 0.5)])
+    known = state_of(slab(youngs_modulus=1e5), boxes)
+    seen = State(replace(known.scene, bodies=None), known.item)
+    first, second = (model.predict(state, np.array([[0.0, 0.01]])) for state in (known, seen))
+    assert first.warnings == second.warnings == ("",)
+    assert np.abs(first.heights - second.heights).mean() < 5e-4
+
+
+def test_only_the_last_few_states_are_kept(slab: Slab, state_of: Make) -> None:
+    model = SimulatorModel()
+    states = [state_of(slab(4, 4, thickness=0.01 + 0.001 * i, youngs_modulus=1e9)) for i in range(10)]
+    first = model.placement(states[0])
+    assert model.placement(states[0]) is first
+    for state in states[1:]:
+        model.placement(state)
+    assert model.placement(states[0]) is not first

@@ -173,7 +173,11 @@ class _Record:
             raise self._failure
 
     def abandon(self, running: _Running) -> None:
-        """Keep an evaluation that nobody waits for any more."""
+        """Keep an evaluation that failed or that nobody waits for any more, at the deadline."""
+        error = "timed_out: not finished at the deadline"
+        failure = running.future.exception() if running.future.done() else None
+        if isinstance(failure, FrugalError):
+            error = f"{failure.code}: {failure}"
         self._keep(
             Trial(
                 index=running.index,
@@ -184,7 +188,7 @@ class _Record:
                 reward=None,
                 started_s=running.started_s,
                 predict_s=self._now() - running.started_s,
-                error="timed_out: not finished at the deadline",
+                error=error,
             )
         )
 

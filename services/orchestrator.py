@@ -24,7 +24,7 @@ from common.planning.selection import parse_strategy
 from common.wire.call import Call
 from common.wire.directory import Directory
 from common.wire.dispatch import Limits
-from common.wire.endpoint import Endpoint
+from common.wire.endpoint import Alias, Endpoint
 from common.wire.host import Host
 from common.wire.keys import alias
 from common.wire.messages import Card
@@ -83,14 +83,14 @@ class Orchestrator:
         directory.on_change(self._spread)
 
     def endpoint(self) -> Endpoint:
-        """Return the endpoint ``optimize``, which answers on the alias of every task to say which one it serves."""
+        """Return the endpoint ``optimize``; on the alias of a task that nobody serves it says which one it serves."""
         return Endpoint(
             leaf="optimize",
             request=OptimizeRequest,
             handler=self.handle,
             prepare=self.prepare,
             identity=OptimizeRequest.identity,
-            alias=alias("*", "optimize"),
+            aliases=(Alias(alias(self._task.name, "optimize")), Alias(alias("*", "optimize"), complete=False)),
             unique_ids=True,
         )
 

@@ -22,7 +22,7 @@ from common.domain.grid import Floats, Grid
 from common.domain.model import Predictions, PredictiveModel
 from common.domain.scene import Item, Scene, State
 from common.wire.call import Call
-from common.wire.endpoint import Endpoint
+from common.wire.endpoint import Alias, Endpoint
 from common.wire.host import Host
 from common.wire.messages import Card
 from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress, TrialMessage
@@ -170,7 +170,11 @@ def build(kind: str, name: str, instance: str, queue_length: int) -> Callable[[S
     if kind == "orchestrator":
         card = Card(task="plating", role="orchestrator", model=None, instance=instance, version="1")
         endpoint = Endpoint(
-            "optimize", OptimizeRequest, pretend_to_optimize, alias="frugal/@v1/plating/optimize", unique_ids=True
+            "optimize",
+            OptimizeRequest,
+            pretend_to_optimize,
+            aliases=(Alias("frugal/@v1/plating/optimize"),),
+            unique_ids=True,
         )
         return lambda session: Host(session, card, [endpoint], threads=2, queue_length=queue_length)
     options = {"task": "plating", "instance": instance}

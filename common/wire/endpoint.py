@@ -19,6 +19,20 @@ def anonymous(request: Request) -> None:
 
 
 @dataclass(frozen=True)
+class Alias:
+    """Another key that an endpoint answers on, shared with other workers.
+
+    Attributes:
+        key: The key, or a key expression that stands for one at every task.
+        complete: Whether every worker that declares it can answer all that comes on it. What comes on one that is not
+            complete, and on none of the complete ones, is refused with the task that this worker serves.
+    """
+
+    key: str
+    complete: bool = True
+
+
+@dataclass(frozen=True)
 class Endpoint:
     """One kind of request and how to answer it.
 
@@ -30,7 +44,7 @@ class Endpoint:
         prepare: Turns the request into what the handler takes, before the queue, so that its errors are told at once.
             It has to be quick.
         identity: What makes two requests the same, so that a retry gets the first answer again; None: always compute.
-        alias: Another key that it answers on, shared with other workers; one with ``*`` answers on the key asked.
+        aliases: Other keys that it answers on.
         unique_ids: Whether an id that is still in progress is refused.
     """
 
@@ -39,5 +53,5 @@ class Endpoint:
     handler: Callable[[Any, Call], Reply]
     prepare: Callable[[Any], Any] = unchanged
     identity: Callable[[Any], Hashable | None] = anonymous
-    alias: str | None = None
+    aliases: tuple[Alias, ...] = ()
     unique_ids: bool = False

@@ -22,7 +22,7 @@ from common.domain.errors import (
 )
 from common.wire.call import Call
 from common.wire.cost import CostMeter
-from common.wire.endpoint import Endpoint
+from common.wire.endpoint import Alias, Endpoint
 from common.wire.job import Job
 from common.wire.keys import Address, check_name
 from common.wire.messages import CancelReply, Card, ErrorReply, Health, Reply
@@ -32,6 +32,9 @@ from common.wire.progress import ProgressBoard
 from common.wire.replies import ReplyCache
 
 log = logging.getLogger(__name__)
+
+MOST_FOLLOWERS = 8
+"""Queries that may wait for the answer to the same request besides the first."""
 
 
 class Host:
@@ -73,10 +76,12 @@ class Host:
         for thread in self._threads:
             thread.start()
         for endpoint in self._endpoints:
-            for key in filter(None, (self.address.key(endpoint.leaf), endpoint.alias)):
-                self._declare(key, partial(self._receive, endpoint, key))
-        self._declare(self.address.key("card"), partial(self._tell, self.card))
-        self._declare(self.address.key("health"), partial(self._tell, self.health))
+            for name in (Alias(self.address.key(endpoint.leaf)), *endpoint.aliases):
+                receive = self._receive if name.complete else self._refuse
+                self._declare(name.key, partial(receive, endpoint, name.key), complete=name.complete)
+        for leaf, tell in (("card", self.card), ("health", self.health)):
+            key = self.address.key(leaf)
+            self._declare(key, partial(self._tell, key, tell))
         self._declare(self.address.key("metrics"), self._tell_metrics)
         self._declare(self.address.key("cancel/*"), self._cancel)
         self._token = self._session.liveliness().declare_token(self.address.key("live"))
@@ -135,12 +140,23 @@ class Host:
                 cost=self._meter.costs(),
             )
 
-    def _declare(self, key: str, callback: Callable[[zenoh.Query], None]) -> None:
-        self._queryables.append(self._session.declare_queryable(key, callback, complete=True))
+    def _declare(self, key: str, callback: Callable[[zenoh.Query], None], *, complete: bool = True) -> None:
+        self._queryables.append(self._session.declare_queryable(key, callback, complete=complete))
+
+    def _refuse(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
+        """Answer what no worker of its task took; what came on a complete alias is answered there."""
+        if any(query.key_expr.intersects(alias.key) for alias in endpoint.aliases if alias.complete):
+            query.drop()
+            return
+        job = Job(query, key)
+        try:
+            job.read(endpoint.request)
+            raise RequestError(f"task: expected {self.address.task}, got {query.key_expr}, which nobody serves")
+        except FrugalError as error:
+            self._end(job, error)
 
     def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
-        asked = str(query.key_expr)
-        job = Job(query, asked if "*" not in asked else key.replace("*", self.address.task))
+        job = Job(query, key)
         try:
             known = self._admit(endpoint, job)
         except FrugalError as error:
@@ -182,6 +198,8 @@ class Host:
         with self._lock:
             for other in self._jobs:
                 if other.identity == job.identity:
+                    if len(other.followers) == MOST_FOLLOWERS:
+                        raise BusyError(f"{self.address.worker}: {MOST_FOLLOWERS} others wait for this answer already")
                     other.followers.append(job)
                     return True
         return False
@@ -189,8 +207,17 @@ class Host:
     def _work(self) -> None:
         while (job := self._queue.get()) is not None:
             call = self._jobs.get(job)
-            if call is not None:
-                self._end(job, self._compute(job, call))
+            if call is None:
+                continue
+            try:
+                outcome = self._compute(job, call)
+            except Exception as error:
+                log.exception("%s: request %s was lost", self.address.worker, call.id)
+                outcome = ModelError(f"{self.address.worker}: {_brief(error)}")
+            try:
+                self._end(job, outcome)
+            except Exception:
+                log.exception("%s: request %s could not be ended", self.address.worker, call.id)
 
     def _compute(self, job: Job, call: Call) -> Reply | FrugalError:
         known = self._replies.find(job.identity)
@@ -224,17 +251,22 @@ class Host:
             return
         with self._lock:
             call = self._jobs.pop(job, None)
+        asked = (job, *job.followers)
+        try:
+            answers = [one.encode(_message(outcome)) for one in asked]
+        except Exception as error:
+            log.exception("%s: an answer could not be written", self.address.worker)
+            outcome = ModelError(f"{self.address.worker}: expected an answer that can be sent: {_brief(error)}")
+            answers = [one.encode(_message(outcome)) for one in asked]
+        with self._lock:
             if isinstance(outcome, Reply):
                 self._served += 1
             elif isinstance(outcome, ModelError):
                 self._failed += 1
             else:
                 self._refused += 1
-        for asked in (job, *job.followers):
-            if isinstance(outcome, Reply):
-                asked.answer(outcome)
-            else:
-                asked.answer(ErrorReply.of(outcome), is_error=True)
+        for one, answer in zip(asked, answers, strict=True):
+            one.answer_bytes(*answer, is_error=isinstance(outcome, FrugalError))
         if call is not None:
             self._board.end(call.id)
 
@@ -254,13 +286,16 @@ class Host:
                 self._end(waiting, CancelledError("the request was taken back before it was computed"))
         job.answer(CancelReply(id=request_id, found=bool(found)))
 
-    def _tell(self, answer: Callable[[], BaseModel], query: zenoh.Query) -> None:
-        leaf = "card" if answer == self.card else "health"
-        Job(query, self.address.key(leaf)).answer(answer())
+    def _tell(self, key: str, answer: Callable[[], BaseModel], query: zenoh.Query) -> None:
+        Job(query, key).answer(answer())
 
     def _tell_metrics(self, query: zenoh.Query) -> None:
         text = exposition(self.address, self.health())
         Job(query, self.address.key("metrics")).answer_bytes(text.encode(), ENCODING)
+
+
+def _message(outcome: Reply | FrugalError) -> Reply:
+    return outcome if isinstance(outcome, Reply) else ErrorReply.of(outcome)
 
 
 def _brief(error: Exception) -> str:

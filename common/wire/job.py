@@ -9,7 +9,6 @@ import zenoh
 from pydantic import BaseModel
 
 from common.domain.errors import RequestError
-from common.wire.call import Call
 from common.wire.codec import MAX_REQUEST_BYTES, Format, Message, decode, encode, form_of
 from common.wire.messages import Reply
 
@@ -17,12 +16,11 @@ log = logging.getLogger(__name__)
 
 
 class Job:
-    """A query, and once it has been admitted, its call and its computation.
+    """A query, and once it has been admitted, its computation.
 
     Attributes:
         key: The concrete key to answer on.
         form: Format of the request, and therefore of the answer.
-        call: The handler's side of it; None until admitted.
         compute: Computes the reply.
         identity: What makes another request the same one.
         begun: When the computation began, on the monotonic clock [s]; None while it waits.
@@ -32,7 +30,6 @@ class Job:
     def __init__(self, query: zenoh.Query, key: str) -> None:
         self.key = key
         self.form: Format = "json" if query.payload is None else "msgpack"
-        self.call: Call | None = None
         self.compute: Callable[[], Reply] | None = None
         self.identity: Hashable | None = None
         self.begun: float | None = None
@@ -82,8 +79,11 @@ class Job:
 
     def answer(self, reply: BaseModel, *, is_error: bool = False) -> None:
         """Send a message, in the format of the request, and let go of the query."""
-        payload, encoding = encode(reply, form=self.form)
-        self.answer_bytes(payload, encoding, is_error=is_error)
+        self.answer_bytes(*self.encode(reply), is_error=is_error)
+
+    def encode(self, reply: BaseModel) -> tuple[bytes, str]:
+        """Return a message's payload and encoding, in the format of the request."""
+        return encode(reply, form=self.form)
 
     def answer_bytes(self, payload: bytes, encoding: str, *, is_error: bool = False) -> None:
         """Send a payload and let go of the query."""

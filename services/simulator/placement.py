@@ -145,11 +145,11 @@ class Placement:
 
 
 def _check_boxes(boxes: tuple[Box, ...]) -> None:
-    """Raise `RequestError` where the axis of one box runs inside another: no contact force can repair that."""
+    """Raise `RequestError` where the axis of one box runs deep inside another: no contact force can repair that."""
     for index, box in enumerate(boxes):
         axis = box.rotation[:, int(np.argmax(box.size))] * box.size.max() / 2
         line = box.position + np.linspace(-1, 1, 41)[:, None] * axis
         for number, other in enumerate(boxes):
-            inside = np.abs((line - other.position) @ other.rotation) < other.size / 2
+            inside = np.abs((line - other.position) @ other.rotation) < other.size / 2 - ROUNDING
             if number != index and inside.all(axis=1).any():
                 raise RequestError(f"expected boxes that do not overlap, got box {index} inside box {number}")

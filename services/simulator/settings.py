@@ -43,16 +43,16 @@ class Settings:
     friction: float = 0.5
     stick_ratio: float = 0.7
     softening: float = 2e-4
-    first_step: float = 0.015
+    first_step: float = 0.020
     longest_step: float = 0.030
-    shortest_step: float = 0.015
+    shortest_step: float = 0.020
     iterations: int = 3
     tolerance: float = 2e-6
     relative_tolerance: float = 0.02
     keep_fast: float = 0.9
     keep_slow: float = 0.5
     slow: float = 0.02
-    tray_speed: float = 0.15
+    tray_speed: float = 0.12
     tray_patience: float = 0.05
     rest_displacement: float = 5e-6
     longest_time: float = 3.0
@@ -62,6 +62,6 @@ class Settings:
 LEVELS: dict[str, Settings] = {
     "coarse": Settings(cell=0.022, layers=2, samples=10),
     "default": Settings(),
-    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.0075, shortest_step=0.0075, longest_step=0.015),
+    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.010, shortest_step=0.010, longest_step=0.015),
 }
 """Named resolutions, cheapest first."""

@@ -103,7 +103,8 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     first = worlds.slope[w]
     trials = worlds.trials[w] + 1
     worlds.trials[w] = trials
-    if slope < -0.5 * first and trials < TRIALS:
+    last = worlds.alpha[w] * worlds.longest[w]
+    if slope < -0.5 * first and trials < TRIALS and last > laws.tolerance:
         worlds.alpha[w] = worlds.alpha[w] * wp.clamp(first / (first - slope), 0.15, 0.7)
         return
     moved = float(0.0)
@@ -116,7 +117,6 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     worlds.moved[w] = moved
     iteration = worlds.iteration[w] + 1
     worlds.iteration[w] = iteration
-    last = worlds.alpha[w] * worlds.longest[w]
     worlds.phase[w] = DIRECTION
     if iteration >= 2 and last < wp.max(laws.tolerance, laws.relative_tolerance * moved):
         worlds.converged[w] = 1

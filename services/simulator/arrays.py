@@ -38,6 +38,7 @@ class Laws:
     stick_ratio: float
     softening: float
     tray_patience: float
+    patience: float  # [s]
     gravity: wp.vec3
     keep_fast: float  # share of the velocity that one step keeps
     keep_slow: float

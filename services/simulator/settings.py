@@ -19,7 +19,7 @@ class Settings:
         softening: Depth up to which a contact's stiffness grows from zero [m].
         first_step: Time step while things move [s].
         longest_step: Time step at rest [s].
-        shortest_step: Time step below which a step is taken as it is [s].
+        shortest_step: Time step below which no step is halved [s].
         iterations: Most Newton iterations a step.
         tolerance: A step has converged when its last iteration moved nothing by more than this [m],
         relative_tolerance: or by this share of the whole step [-].
@@ -28,6 +28,8 @@ class Settings:
         slow: Speed below which they are slow [m/s].
         tray_speed: Speed at which the tray lowers the item [m/s].
         tray_patience: How long the tray must have carried nothing before it goes away [s].
+        patience: Time after which steps that do not converge are halved and get three times the iterations [s];
+            before it they are taken as they are.
         rest_displacement: Displacement in one step below which everything is at rest [m].
         longest_time: Simulated time after which the item counts as not settled [s].
         stiffest: Young's modulus to which stiff parts of a soft item are capped [Pa]: beyond it they no longer
@@ -45,7 +47,7 @@ class Settings:
     softening: float = 2e-4
     first_step: float = 0.020
     longest_step: float = 0.030
-    shortest_step: float = 0.020
+    shortest_step: float = 0.005
     iterations: int = 3
     tolerance: float = 2e-6
     relative_tolerance: float = 0.02
@@ -54,6 +56,7 @@ class Settings:
     slow: float = 0.02
     tray_speed: float = 0.12
     tray_patience: float = 0.05
+    patience: float = 0.8
     rest_displacement: float = 5e-6
     longest_time: float = 3.0
     stiffest: float = 1e7
@@ -62,6 +65,6 @@ class Settings:
 LEVELS: dict[str, Settings] = {
     "coarse": Settings(cell=0.022, layers=2, samples=10),
     "default": Settings(),
-    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.010, shortest_step=0.010, longest_step=0.015),
+    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.010, longest_step=0.015),
 }
 """Named resolutions, cheapest first."""

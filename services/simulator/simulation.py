@@ -287,6 +287,7 @@ def _laws(settings: Settings, gravity: tuple[float, float, float], undamped: boo
     laws.stick_ratio = settings.stick_ratio
     laws.softening = settings.softening
     laws.tray_patience = settings.tray_patience
+    laws.patience = settings.patience
     laws.gravity = wp.vec3(*gravity)
     laws.keep_fast = 1.0 if undamped else settings.keep_fast
     laws.keep_slow = 1.0 if undamped else settings.keep_slow

@@ -121,7 +121,7 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     if iteration >= 2 and last < wp.max(laws.tolerance, laws.relative_tolerance * moved):
         worlds.converged[w] = 1
         worlds.phase[w] = ENDED
-    elif iteration >= laws.iterations:
+    elif iteration >= laws.iterations * (1 + 2 * int(worlds.time[w] > laws.patience)):
         worlds.converged[w] = 0
         worlds.phase[w] = ENDED
     if worlds.phase[w] == ENDED:
@@ -181,7 +181,10 @@ def next_step(laws: Laws, worlds: Worlds):
     else:
         worlds.calm[w] = 0
     if worlds.converged[w] == 0:
-        dt = wp.max(0.5 * dt, laws.shortest_step)
+        shortest = laws.first_step
+        if worlds.time[w] > laws.patience:
+            shortest = laws.shortest_step
+        dt = wp.max(0.5 * dt, shortest)
     elif slow and worlds.tray_on[w] == 0:
         dt = wp.min(GROWTH * dt, laws.longest_step)
     else:

@@ -4,11 +4,14 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 
 import zenoh
 
 from common.domain.errors import FrugalError, RequestError, UnavailableError
+from common.domain.grid import Grid
 from common.domain.model import Event
 from common.wire.codec import decode
 from common.wire.cost import CostMeter
@@ -16,10 +19,12 @@ from common.wire.keys import Address, Role, every_live, parse_address
 from common.wire.messages import Card, Health
 from common.wire.query import NoReplyError, ask
 from common.wire.session import is_connected
+from common.wire.state import GridMessage
 
 SUSPECT_S = 10.0
 LOAD_IS_FRESH_S = 1.0
 CARD_TIMEOUT_S = 1.0
+LOOK_S = 1.0
 PROBE_TIMEOUT_S = 1.0
 STATES_REMEMBERED = 64
 
@@ -63,6 +68,8 @@ class Directory:
         self._entries: dict[Address, _Entry] = {}
         self._meters: dict[tuple[Role, str | None], CostMeter] = {}
         self._lost = -1e9
+        self._looked = -1e9
+        self._forgotten: dict[Address, float] = {}
         self._callbacks: list[Callable[[Event], None]] = []
         self._changed = threading.Condition(threading.RLock())
         self._subscriber = session.liveliness().declare_subscriber(every_live(task), self._on_token, history=True)
@@ -77,7 +84,14 @@ class Directory:
             self._callbacks.append(callback)
 
     def workers(self, role: Role | None = None, model: str | None = None) -> tuple[Worker, ...]:
-        """Return the live workers, all or those of one role or model, in the order of their addresses."""
+        """Return the live workers, all or those of one role or model, in the order of their addresses.
+
+        Cards that did not come are asked for again.
+        """
+        self._fetch_missing_cards()
+        return self._seen(role, model)
+
+    def _seen(self, role: Role | None, model: str | None) -> tuple[Worker, ...]:
         now = time.monotonic()
         with self._changed:
             found = [
@@ -97,11 +111,12 @@ class Directory:
         """
         deadline = time.monotonic() + timeout_s
         while True:
+            self.look()
+            self._fetch_missing_cards()
             with self._changed:
-                found = tuple(worker for worker in self.workers(role, model) if worker.card is not None)
+                found = tuple(worker for worker in self._seen(role, model) if worker.card is not None)
                 if len(found) >= count:
                     return found
-                self._fetch_missing_cards()
                 left = deadline - time.monotonic()
                 if left <= 0:
                     break
@@ -113,17 +128,37 @@ class Directory:
         with self._changed:
             self._changed.wait(timeout_s)
 
-    def claim(self, role: Role, model: str | None, *, exclude: Collection[Address] = ()) -> Address | None:
+    def look(self) -> None:
+        """Ask the router who is alive, at most once in `LOOK_S`, and add in the background who was not known.
+
+        Zenoh now and then tells a new subscriber no tokens. One that was forgotten lately comes back as a suspect.
+        """
+        began = time.monotonic()
+        with self._changed:
+            if began - self._looked < LOOK_S:
+                return
+            self._looked = began
+            self._forgotten = {one: since for one, since in self._forgotten.items() if began - since < SUSPECT_S}
+        callback = zenoh.handlers.Callback(partial(self._on_live, began), indirect=True)
+        with suppress(zenoh.ZError):
+            self.session.liveliness().get(every_live(self.task), callback, timeout=LOOK_S)
+
+    def claim(
+        self, role: Role, model: str | None, *, grid: Grid | None = None, exclude: Collection[Address] = ()
+    ) -> Address | None:
         """Return the least loaded live worker that is not excluded, a suspect only if there is no other.
 
-        The worker counts as called until `release`.
+        With ``grid`` only those count that take it, or whose card did not come yet. The worker counts as called until
+        `release`.
         """
         now = time.monotonic()
         with self._changed:
             found = [
                 entry
                 for entry in self._entries.values()
-                if (entry.address.role, entry.address.model) == (role, model) and entry.address not in exclude
+                if (entry.address.role, entry.address.model) == (role, model)
+                and entry.address not in exclude
+                and _takes(entry.card, grid)
             ]
             best = min(found, key=lambda entry: _rank(entry, now), default=None)
             if best is None:
@@ -192,7 +227,7 @@ class Directory:
                 return own
             told = [
                 cost.p50_s
-                for worker in self.workers(role, model)
+                for worker in self._seen(role, model)
                 if worker.card is not None
                 for cost in worker.card.cost
                 if cost.batch == batch
@@ -221,17 +256,33 @@ class Directory:
             self.is_partitioned()
             self._forget(address)
 
-    def _add(self, address: Address) -> None:
+    def _on_live(self, began: float, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            return
+        with suppress(RequestError):
+            address, _ = parse_address(str(reply.ok.key_expr))
+            self._add(address, seen=began)
+
+    def _add(self, address: Address, *, seen: float | None = None) -> None:
+        """Add a worker whose token came, or was there when ``seen`` on the monotonic clock [s]."""
         with self._changed:
-            is_new = address not in self._entries
-            self._fetch_card(self._entries.setdefault(address, _Entry(address)))
+            known = self._entries.get(address)
+            gone = self._forgotten.get(address, -1e9)
+            if seen is not None and (known is not None or seen <= gone):
+                return
+            if known is None:
+                self._entries[address] = _Entry(address, suspect_until=-1e9 if seen is None else gone + SUSPECT_S)
+            self._forgotten.pop(address, None)
+            self._entries[address].asked_card = time.monotonic()
             self._changed.notify_all()
-        if is_new:
+        self._fetch_card(address)
+        if known is None:
             self._tell(Event("joined", address.worker, f"{describe(address.role, address.model)} is alive"))
 
     def _forget(self, address: Address) -> None:
         with self._changed:
             was_known = self._entries.pop(address, None) is not None
+            self._forgotten[address] = time.monotonic()
             self._changed.notify_all()
         if was_known:
             self._tell(Event("left", address.worker, f"{describe(address.role, address.model)} is gone"))
@@ -243,14 +294,20 @@ class Directory:
             callback(event)
 
     def _fetch_missing_cards(self) -> None:
-        for entry in self._entries.values():
-            if entry.card is None and time.monotonic() - entry.asked_card > CARD_TIMEOUT_S:
-                self._fetch_card(entry)
+        now = time.monotonic()
+        with self._changed:
+            missing = [
+                one for one in self._entries.values() if one.card is None and now - one.asked_card > CARD_TIMEOUT_S
+            ]
+            for entry in missing:
+                entry.asked_card = now
+        for entry in missing:
+            self._fetch_card(entry.address)
 
-    def _fetch_card(self, entry: _Entry) -> None:
-        entry.asked_card = time.monotonic()
+    def _fetch_card(self, address: Address) -> None:
         callback = zenoh.handlers.Callback(self._on_card, indirect=True)
-        self.session.get(entry.address.key("card"), callback, timeout=CARD_TIMEOUT_S)
+        with suppress(zenoh.ZError):
+            self.session.get(address.key("card"), callback, timeout=CARD_TIMEOUT_S)
 
     def _on_card(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:
@@ -270,6 +327,10 @@ class Directory:
 def describe(role: Role, model: str | None) -> str:
     """Return what a worker is called in messages."""
     return {"model": f"model {model}", "mde": f"MDE of {model}", "orchestrator": "orchestrator"}[role]
+
+
+def _takes(card: Card | None, grid: Grid | None) -> bool:
+    return card is None or card.grid is None or grid is None or card.grid == GridMessage.of(grid)
 
 
 def _rank(entry: _Entry, now: float) -> tuple[bool, int, int, str]:

@@ -17,6 +17,7 @@ from common.domain.errors import (
     UnavailableError,
     UnknownStateError,
 )
+from common.domain.grid import Grid
 from common.domain.model import Event
 from common.wire.codec import Message
 from common.wire.directory import Directory, describe
@@ -60,6 +61,7 @@ class Question(Generic[Message]):
         leaf: The endpoint.
         request: The request with the state named by its digest only.
         content: The same request with the state itself.
+        grid: The grid of the state; only workers that take it are asked.
         batch: Number of actions.
         reply: The message to expect.
         check: Raises `ModelError` on a reply that cannot be right.
@@ -70,6 +72,7 @@ class Question(Generic[Message]):
     leaf: str
     request: StateRequest
     content: Callable[[], StateRequest]
+    grid: Grid
     batch: int
     reply: type[Message]
     check: Callable[[Message], None]
@@ -141,7 +144,8 @@ class _Dispatch(Generic[Message]):
         while True:
             self._check_limits()
             if not self.directory.is_partitioned():
-                address = self.directory.claim(role, model, exclude={*self.failed, *self.silent, *self.busy})
+                tried = {*self.failed, *self.silent, *self.busy}
+                address = self.directory.claim(role, model, grid=self.question.grid, exclude=tried)
                 if address is not None:
                     return address
                 if self.busy:
@@ -149,6 +153,7 @@ class _Dispatch(Generic[Message]):
                     continue
                 if self.failed:
                     raise next(iter(self.failed.values()))
+            self.directory.look()
             now = time.monotonic()
             nobody_since = nobody_since or now
             patience_s = PARTITION_S if self.directory.was_partitioned(PARTITION_S) else PATIENCE_S
@@ -217,6 +222,9 @@ class _Dispatch(Generic[Message]):
         kind = describe(self.question.role, self.question.model)
         if self.directory.is_partitioned():
             return f"expected a router, got none for {PARTITION_S:g} s, so {kind} cannot be reached{self._tried()}"
+        others = {worker.address.worker for worker in self.directory.workers(self.question.role, self.question.model)}
+        if others - {event.worker for event in self.events}:
+            kind = f"{kind} that takes {self.question.grid}"
         return f"expected a live worker for {kind} of {self.directory.task}, got none{self._tried()}"
 
     def _tried(self) -> str:

@@ -21,16 +21,15 @@ from common.wire.messages import (
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.state import GridMessage, StateMessage
 
-GRID = Grid(4, 6, 0.01)
+SMALL, SERVABLE = Grid(4, 6, 0.01), Grid(16, 16, 0.01)
 
 
-def example_state() -> State:
-    """Return a state of 4 x 6 cells with a known plate and one known fry."""
-    heights = np.zeros(GRID.shape, dtype=np.float32)
-    heights[1, 1:4] = 0.012
-    item = np.zeros(GRID.shape, dtype=np.float32)
-    item[1:3, 2:4] = 0.015
-    scene_materials, item_materials = np.zeros((2, 3, *GRID.shape), dtype=np.float32)
+def example_state(grid: Grid = SMALL) -> State:
+    """Return a state with a known plate and one known fry."""
+    x, y = grid.x[None, :], grid.y[:, None]
+    heights = np.where((abs(x + 0.005) < 0.015) & (abs(y + 0.005) < 0.006), 0.012, 0.0).astype(np.float32)
+    item = np.where((abs(x) < 0.01) & (abs(y) < 0.01), 0.015, 0.0).astype(np.float32)
+    scene_materials, item_materials = np.zeros((2, 3, *grid.shape), dtype=np.float32)
     scene_materials[:, heights > 0] = np.array([[600.0], [2e6], [0.3]])
     item_materials[:, item > 0] = np.array([[1050.0], [1e5], [0.45]])
     fry = Box(
@@ -40,7 +39,21 @@ def example_state() -> State:
         Material(600.0, 2e6, 0.3),
     )
     plate = Plate(np.array([0.0, 0.08, 0.12]), np.array([0.0, 0.0, 0.02]))
-    return State(Scene(GRID, heights, scene_materials, Bodies(plate, (fry,))), Item(item, item_materials))
+    return State(Scene(grid, heights, scene_materials, Bodies(plate, (fry,))), Item(item, item_materials))
+
+
+def example_optimization() -> OptimizeRequest:
+    """Return a request that a system with the heuristic model serves: the item one cell to the right and below."""
+    state = example_state(SERVABLE)
+    target = state.scene.heights + np.roll(state.item.heights, (-1, 1), axis=(0, 1))
+    return OptimizeRequest(
+        id="request-3",
+        state=StateMessage.of(state),
+        target=Array.of(target),
+        bounds=((-0.04, 0.04), (-0.03, 0.03)),
+        strategy="only:heuristic",
+        evaluations=30,
+    )
 
 
 def example_messages() -> tuple[BaseModel, ...]:
@@ -84,7 +97,7 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="e5f6",
             compute_s=0.004,
         ),
-        OptimizeRequest(id="request-3", state=content, target=Array.of(outcome), bounds=((-0.02, 0.02), (-0.01, 0.01))),
+        example_optimization(),
         OptimizeReply(
             id="request-3",
             task="plating",
@@ -110,7 +123,7 @@ def example_messages() -> tuple[BaseModel, ...]:
             version="1",
             weights="0" * 64,
             device="cpu",
-            grid=GridMessage.of(GRID),
+            grid=GridMessage.of(SMALL),
             largest_batch=64,
             cost=cost,
         ),

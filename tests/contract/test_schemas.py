@@ -4,11 +4,17 @@ import json
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from common.planning.optimize import optimize
+from common.planning.problem import Problem
+from common.tasks import TASKS
 from common.wire.codec import decode
+from common.wire.optimization import OptimizeRequest
 from common.wire.schemas import FOLDER, MESSAGES, REFRESH, schemas
 from common.wire.state import StateMessage
+from services.heuristic import HeuristicModel
 
 EXAMPLES = sorted((FOLDER / "examples").glob("*.*"))
 
@@ -57,3 +63,14 @@ def test_the_digest_is_what_the_documentation_says():
     data += b"\x01" + struct.pack(f"<{len(numbers)}d", *numbers)
     assert hashlib.sha256(data).hexdigest() == request["state"]
     assert StateMessage.model_validate(request["content"]).state().digest == request["state"]
+
+
+def test_the_recorded_optimisation_can_be_served():
+    request = decode((FOLDER / "examples" / "OptimizeRequest.json").read_bytes(), "", OptimizeRequest)
+    bounds = None if request.bounds is None else np.array(request.bounds)
+    problem = Problem(TASKS[request.task], request.state.state(), request.target.values(), bounds)
+    models = {"heuristic": HeuristicModel()}
+    result = optimize(
+        problem, models, {}, strategy=request.strategy, evaluations=request.evaluations, seed=request.seed
+    )
+    np.testing.assert_allclose(result.action, (0.01, -0.01), atol=2e-3)

@@ -43,9 +43,9 @@ class Reply(BaseModel):
 class StateRequest(Request):
     """A request about one state, named by its digest; the state itself travels only when the worker lacks it."""
 
-    state: Digest | None = None
-    content: StateMessage | None = None
-    actions: Array
+    state: Digest | None = Field(default=None, description="The state's digest.")
+    content: StateMessage | None = Field(default=None, description="The state itself, where the worker lacks it.")
+    actions: Array = Field(description="Actions (B, n) [m]; for plating the item's centre (x, y) for each.")
 
     @model_validator(mode="after")
     def _names_a_state(self) -> Self:
@@ -75,13 +75,13 @@ class EstimateRequest(StateRequest):
 class PredictReply(Reply):
     """The outcomes ``(B, H, W)`` [m], a warning for each (empty: none), and the time that they took."""
 
-    heights: Array
-    warnings: tuple[str, ...]
+    heights: Array = Field(description="Heightmaps (B, H, W) after each action [m].")
+    warnings: tuple[str, ...] = Field(description="One for each action, empty: none.")
     model: str
     version: str
     instance: str
-    compute_s: Seconds
-    load: Count = 0
+    compute_s: Seconds = Field(description="Time that the model took [s].")
+    load: Count = Field(default=0, description="Requests that wait at this worker.")
 
     @classmethod
     def of(cls, predictions: Predictions, *, instance: str, compute_s: float) -> Self:
@@ -99,14 +99,14 @@ class PredictReply(Reply):
 class EstimateReply(Reply):
     """Estimated deviations ``(B,)``, their upper bounds, whether the MDE knows such inputs, and the time it took."""
 
-    mean: Array
-    upper: Array
-    familiar: Array
-    model: str
+    mean: Array = Field(description="Estimated deviation (B,), scaled to [0, 1].")
+    upper: Array = Field(description="Upper bound of the deviation (B,), scaled to [0, 1].")
+    familiar: Array = Field(description="Whether the input is like those that the MDE learned from (B,), bool.")
+    model: str = Field(description="The model whose deviation is estimated.")
     version: str
     instance: str
-    compute_s: Seconds
-    load: Count = 0
+    compute_s: Seconds = Field(description="Time that the estimator took [s].")
+    load: Count = Field(default=0, description="Requests that wait at this worker.")
 
     @classmethod
     def of(cls, estimates: Estimates, *, model: str, version: str, instance: str, compute_s: float) -> Self:
@@ -125,38 +125,38 @@ class EstimateReply(Reply):
 class Cost(Reply):
     """Median time of the last computations of one batch size."""
 
-    batch: Annotated[int, Field(ge=1)]
-    p50_s: Seconds
-    count: Count
+    batch: int = Field(ge=1, description="Number of actions.")
+    p50_s: Seconds = Field(description="Median [s].")
+    count: Count = Field(description="Number of computations that it is the median of.")
 
 
 class Card(Reply):
-    """Who a worker is. ``weights`` is the SHA-256 of what it learned; ``grid`` the only one it takes, None: any."""
+    """Who a worker is."""
 
     task: Name
     role: Role
-    model: Name | None
+    model: Name | None = Field(description="The model that it runs or whose deviation it estimates, else null.")
     instance: Name
-    version: str
-    weights: Digest | None = None
-    device: str = "cpu"
-    grid: GridMessage | None = None
-    largest_batch: Annotated[int, Field(ge=1)] = 1
+    version: str = Field(description="The model's version.")
+    weights: Digest | None = Field(default=None, description="SHA-256 of what it learned.")
+    device: str = Field(default="cpu", description="What it computes on.")
+    grid: GridMessage | None = Field(default=None, description="The only grid that it takes, null: any.")
+    largest_batch: int = Field(default=1, ge=1, description="Most actions in one request.")
     protocol: int = VERSION
     cost: tuple[Cost, ...] = ()
 
 
 class Health(Reply):
-    """How a worker is doing; ``computing_s`` is the age of its oldest unfinished computation, None if idle."""
+    """How a worker is doing."""
 
     status: Literal["ok", "stopping"]
-    queue_length: Count
-    in_progress: Count
-    computing_s: Seconds | None
-    served: Count
-    failed: Count
-    refused: Count
-    uptime_s: Seconds
+    queue_length: Count = Field(description="Requests that wait.")
+    in_progress: Count = Field(description="Requests that are computed now.")
+    computing_s: Seconds | None = Field(description="Age of the oldest unfinished computation [s], null if idle.")
+    served: Count = Field(description="Requests answered with a reply.")
+    failed: Count = Field(description="Requests answered with an error by the model's fault.")
+    refused: Count = Field(description="Requests answered with another error.")
+    uptime_s: Seconds = Field(description="Since it began to serve [s].")
     cost: tuple[Cost, ...] = ()
 
 

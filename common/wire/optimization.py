@@ -74,15 +74,15 @@ class OptimizeRequest(Request):
         default="threshold",
         min_length=1,
         max_length=100,
-        description="Which model evaluates an action: threshold (the cheapest whose estimated deviation is at most "
-        "d_max, else the trusted one), threshold:upper (the same by the estimate's upper bound), random, or "
-        "only:<model>.",
+        description="Which model evaluates an action: threshold (the cheapest whose MDE knows such inputs and "
+        "estimates a deviation below d_max, else the trusted one), threshold:upper (the same by the estimate's upper "
+        "bound), random, or only:<model>.",
     )
     evaluations: int = Field(default=50, ge=1, le=5000, description="How many actions to evaluate.")
     in_flight: int = Field(default=1, ge=1, le=64, description="How many evaluations run at the same time.")
     seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of every random choice.")
     d_max: float = Field(
-        default=0.4, gt=0, le=1, description="Largest estimated deviation at which a model is used, scaled to [0, 1]."
+        default=0.4, gt=0, le=1, description="Estimated deviation, scaled to [0, 1], below which a model is used."
     )
     deadline_s: float | None = Field(
         default=None, gt=0, description="When to answer with the best action known so far, since the search began [s]."

@@ -24,9 +24,9 @@ class Part(BaseModel):
 class GridMessage(Part):
     """Rows along y, columns along x, and the edge of a square cell [m]; the origin is the grid's centre."""
 
-    rows: int
-    columns: int
-    cell: float
+    rows: int = Field(description="Number of cells along y, H.")
+    columns: int = Field(description="Number of cells along x, W.")
+    cell: float = Field(description="Edge of a cell [m].")
 
     @classmethod
     def of(cls, grid: Grid) -> Self:
@@ -48,12 +48,12 @@ class PlateMessage(Part):
 class BoxMessage(Part):
     """A rigid box: edges [m], centre [m], unit quaternion (x, y, z, w), density [kg/m3], modulus [Pa], ratio [-]."""
 
-    size: Vector
-    position: Vector
-    orientation: Quaternion
-    density: float
-    youngs_modulus: float
-    poisson_ratio: float
+    size: Vector = Field(description="Edges [m].")
+    position: Vector = Field(description="Centre [m].")
+    orientation: Quaternion = Field(description="Unit quaternion (x, y, z, w).")
+    density: float = Field(description="[kg/m3]")
+    youngs_modulus: float = Field(description="[Pa]")
+    poisson_ratio: float = Field(description="[-]")
 
     @classmethod
     def of(cls, box: Box) -> Self:
@@ -92,15 +92,15 @@ class BodiesMessage(Part):
 class ItemMessage(Part):
     """Thickness ``(H, W)`` [m] and materials ``(3, H, W)`` of the item, centred on the grid."""
 
-    heights: Array
-    materials: Array
+    heights: Array = Field(description="Thickness (H, W) [m], 0 outside the outline.")
+    materials: Array = Field(description="Density [kg/m3], Young's modulus [Pa], Poisson's ratio [-] (3, H, W).")
 
 
 class SceneMessage(Part):
     """Heights ``(H, W)`` [m], materials ``(3, H, W)`` (density, Young's modulus, Poisson's ratio), known bodies."""
 
-    heights: Array
-    materials: Array
+    heights: Array = Field(description="The surface seen from above (H, W) [m].")
+    materials: Array = Field(description="As the item's, of the topmost thing (3, H, W); 0 where there is none.")
     bodies: BodiesMessage | None = None
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from common.domain.case import Case
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from common.domain.case import Case
 from common.domain.grid import Floats, Grid
 from common.domain.heightmap import shift
 from common.domain.trial import Result, Trial

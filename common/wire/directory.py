@@ -15,7 +15,7 @@ from common.domain.grid import Grid
 from common.domain.model import Event
 from common.wire.codec import decode
 from common.wire.cost import CostMeter
-from common.wire.keys import Address, Role, every_live, parse_address
+from common.wire.keys import Address, Role, every_live, every_worker, parse_address
 from common.wire.messages import Card, Health
 from common.wire.query import NoReplyError, ask
 from common.wire.session import is_connected
@@ -129,9 +129,9 @@ class Directory:
             self._changed.wait(timeout_s)
 
     def look(self) -> None:
-        """Ask the router who is alive, at most once in `LOOK_S`, and add in the background who was not known.
+        """Ask everybody for a card, at most once in `LOOK_S`, and add in the background who was not known.
 
-        Zenoh now and then tells a new subscriber no tokens. One that was forgotten lately comes back as a suspect.
+        Zenoh now and then tells a subscriber no tokens. A worker that was forgotten lately comes back as a suspect.
         """
         began = time.monotonic()
         with self._changed:
@@ -139,9 +139,14 @@ class Directory:
                 return
             self._looked = began
             self._forgotten = {one: since for one, since in self._forgotten.items() if began - since < SUSPECT_S}
-        callback = zenoh.handlers.Callback(partial(self._on_live, began), indirect=True)
         with suppress(zenoh.ZError):
-            self.session.liveliness().get(every_live(self.task), callback, timeout=LOOK_S)
+            self.session.get(
+                every_worker(self.task, "card"),
+                zenoh.handlers.Callback(partial(self._on_card, began), indirect=True),
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=CARD_TIMEOUT_S,
+            )
 
     def claim(
         self, role: Role, model: str | None, *, grid: Grid | None = None, exclude: Collection[Address] = ()
@@ -256,15 +261,8 @@ class Directory:
             self.is_partitioned()
             self._forget(address)
 
-    def _on_live(self, began: float, reply: zenoh.Reply) -> None:
-        if reply.ok is None:
-            return
-        with suppress(RequestError):
-            address, _ = parse_address(str(reply.ok.key_expr))
-            self._add(address, seen=began)
-
     def _add(self, address: Address, *, seen: float | None = None) -> None:
-        """Add a worker whose token came, or was there when ``seen`` on the monotonic clock [s]."""
+        """Add a worker whose token came, or whose card was asked for at ``seen`` on the monotonic clock [s]."""
         with self._changed:
             known = self._entries.get(address)
             gone = self._forgotten.get(address, -1e9)
@@ -275,7 +273,8 @@ class Directory:
             self._forgotten.pop(address, None)
             self._entries[address].asked_card = time.monotonic()
             self._changed.notify_all()
-        self._fetch_card(address)
+        if seen is None:
+            self._fetch_card(address)
         if known is None:
             self._tell(Event("joined", address.worker, f"{describe(address.role, address.model)} is alive"))
 
@@ -305,11 +304,11 @@ class Directory:
             self._fetch_card(entry.address)
 
     def _fetch_card(self, address: Address) -> None:
-        callback = zenoh.handlers.Callback(self._on_card, indirect=True)
+        callback = zenoh.handlers.Callback(partial(self._on_card, None), indirect=True)
         with suppress(zenoh.ZError):
             self.session.get(address.key("card"), callback, timeout=CARD_TIMEOUT_S)
 
-    def _on_card(self, reply: zenoh.Reply) -> None:
+    def _on_card(self, looked: float | None, reply: zenoh.Reply) -> None:
         if reply.ok is None:
             return
         try:
@@ -317,6 +316,8 @@ class Directory:
             card = decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Card)
         except RequestError:
             return
+        if looked is not None:
+            self._add(address, seen=looked)
         with self._changed:
             entry = self._entries.get(address)
             if entry is not None:

@@ -68,6 +68,7 @@ class Host:
         self._replies = ReplyCache()
         self._board = ProgressBoard(session, self.address)
         self._queryables: list[zenoh.Queryable[None]] = []
+        self._card_queryable: zenoh.Queryable[None] | None = None
         self._token: zenoh.LivelinessToken | None = None
         self._threads = [threading.Thread(target=self._work, name=f"compute-{n}", daemon=True) for n in range(threads)]
 
@@ -79,21 +80,23 @@ class Host:
             for name in (Alias(self.address.key(endpoint.leaf)), *endpoint.aliases):
                 receive = self._receive if name.complete else self._refuse
                 self._declare(name.key, partial(receive, endpoint, name.key), complete=name.complete)
-        for leaf, tell in (("card", self.card), ("health", self.health)):
-            key = self.address.key(leaf)
-            self._declare(key, partial(self._tell, key, tell))
+        health, card = self.address.key("health"), self.address.key("card")
+        self._declare(health, partial(self._tell, health, self.health))
         self._declare(self.address.key("metrics"), self._tell_metrics)
         self._declare(self.address.key("cancel/*"), self._cancel)
+        tell_card = partial(self._tell, card, self.card)
+        self._card_queryable = self._session.declare_queryable(card, tell_card, complete=True)
         self._token = self._session.liveliness().declare_token(self.address.key("live"))
         log.info("%s serves", self.address.prefix)
 
     def stop(self, *, grace_s: float) -> bool:
-        """Leave: undeclare the token, turn away what waits, give what is computed ``grace_s`` [s], undeclare the rest.
+        """Leave: hide card and token, turn away what waits, give what is computed ``grace_s`` [s], undeclare the rest.
 
         Returns:
             Whether every computation ended; if not, its caller was told that the worker is gone.
         """
-        if self._token is not None:
+        if self._token is not None and self._card_queryable is not None:
+            self._card_queryable.undeclare()
             self._token.undeclare()
         gone = UnavailableError(f"{self.address.worker}: the worker is stopping")
         deadline = time.monotonic() + grace_s

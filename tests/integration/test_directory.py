@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -61,35 +62,40 @@ def test_a_worker_whose_token_was_not_told_is_found_in_mid_call(deaf: Directory,
     assert (found.instance, [event.kind for event in found.events]) == ("b", ["no_reply"])
 
 
-def test_a_forgotten_worker_whose_token_lives_on_comes_back_as_a_suspect(session: Session, directory: Directory):
-    ghost = Address("plating", "model", "tilted", "ghost")
-    with session.liveliness().declare_token(ghost.key("live")):
+@contextmanager
+def showing_a_card(session: Session, address: Address) -> Iterator[Card]:
+    """Answer a worker's card key."""
+    card = Card(task="plating", role="model", model="tilted", instance=address.instance, version="7")
+
+    def show(query: zenoh.Query) -> None:
+        payload, encoding = encode(card)
+        with query:
+            query.reply(address.key("card"), payload, encoding=encoding)
+
+    with session.declare_queryable(address.key("card"), show, complete=True):
+        yield card
+
+
+def test_a_forgotten_worker_that_shows_its_card_again_comes_back_as_a_suspect(session: Session, directory: Directory):
+    back = Address("plating", "model", "tilted", "back")
+    with session.liveliness().declare_token(back.key("live")):
         while not directory.workers("model", "tilted"):
             directory.wait_for_change(0.1)
-        assert not directory.probe(ghost)
+        assert not directory.probe(back)
         assert directory.workers("model", "tilted") == ()
-        while not directory.workers("model", "tilted"):
-            directory.look()
-            directory.wait_for_change(0.1)
-        assert directory.workers("model", "tilted")[0].is_suspect
+        with showing_a_card(session, back):
+            assert directory.wait_for("model", "tilted", timeout_s=START_S)[0].is_suspect
     while directory.workers("model", "tilted"):
         directory.wait_for_change(0.1)
 
 
 def test_a_card_that_did_not_come_is_asked_for_again(session: Session, directory: Directory):
     late = Address("plating", "model", "tilted", "late")
-    card = Card(task="plating", role="model", model="tilted", instance="late", version="7")
-
-    def show(query: zenoh.Query) -> None:
-        payload, encoding = encode(card)
-        with query:
-            query.reply(late.key("card"), payload, encoding=encoding)
-
     with session.liveliness().declare_token(late.key("live")):
         while not directory.workers("model", "tilted"):
             directory.wait_for_change(0.1)
         assert directory.workers("model", "tilted")[0].card is None
-        with session.declare_queryable(late.key("card"), show, complete=True):
+        with showing_a_card(session, late) as card:
             while directory.workers("model", "tilted")[0].card != card:
                 directory.wait_for_change(0.1)
     while directory.workers("model", "tilted"):

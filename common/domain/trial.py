@@ -52,7 +52,8 @@ class Result:
         trials: Every evaluated action, in the order of asking.
         usage: Number of trials by model.
         models: Version by model that was used.
-        split_s: Time by model, and for ``mde``, ``optimiser`` and ``transport`` [s].
+        split_s: Time by model, and for ``mde``, ``optimiser`` and ``transport``, calls at the same time added up;
+            ``transport`` includes waiting for a free worker [s].
         wall_s: Duration of the whole optimisation [s].
         events: What went wrong and was dealt with.
         strategy: Name of the selection strategy.

@@ -115,7 +115,11 @@ def report(case: Case, result: Result) -> list[str]:
         where += f", {error * 1e3:.2f} mm from the true action"
     used = ", ".join(f"{model} {count}" for model, count in sorted(result.usage.items()))
     split = ", ".join(f"{name} {seconds:.2f}" for name, seconds in sorted(result.split_s.items()))
-    lines = [where, f"{len(result.trials)} evaluations in {result.wall_s:.2f} s ({used}); seconds: {split}"]
+    lines = [
+        where,
+        f"{len(result.trials)} evaluations in {result.wall_s:.2f} s ({used})",
+        f"seconds, calls at the same time added up, transport with waiting for a free worker: {split}",
+    ]
     failed = [trial for trial in result.trials if trial.reward is None]
     warned = [trial for trial in result.trials if trial.warning]
     if failed:

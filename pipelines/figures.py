@@ -58,7 +58,7 @@ def draw_placement(case: Case, result: Result) -> Figure:
         handles.append(
             _cross(axes[1], case.true_action, "white", "true action" if case.same_item else "target's action")
         )
-        _cross(axes[3], case.true_action, "white", "")
+        _cross(axes[3], case.true_action, "white", "", size=17)
     handles += _draw_trials(axes[2], result.trials)
     _draw_outline(axes[3], case.state.item.heights, grid, result.action)
     handles.append(_cross(axes[3], result.action, "#D55E00", "best action"))
@@ -109,14 +109,14 @@ def _outline_handle() -> Line2D:
     return Line2D([], [], color="#D55E00", linestyle="--", label="item's outline")
 
 
-def _cross(ax: Axes, action: tuple[float, ...], color: str, label: str) -> Line2D:
+def _cross(ax: Axes, action: tuple[float, ...], color: str, label: str, *, size: int = 11) -> Line2D:
     (line,) = ax.plot(
         action[0] * CM,
         action[1] * CM,
         "X",
         color=color,
         markeredgecolor="black",
-        markersize=11,
+        markersize=size,
         linestyle="none",
         label=label,
     )

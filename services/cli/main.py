@@ -1,6 +1,7 @@
 """The command ``frugal``: every command is imported when it is called, so that ``--help`` is instant."""
 
 import importlib
+import os
 import sys
 
 import click
@@ -51,6 +52,7 @@ def frugal() -> None:
 
 def main() -> None:
     """Run the command line; errors are one line, the exit code is 0 only if everything asked for was done."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: more threads cost more than they bring
     try:
         frugal.main(standalone_mode=False)
     except click.ClickException as error:

@@ -123,4 +123,4 @@ def test_an_unknown_task_is_answered_with_the_known_one(session: Session, case: 
     payload = make_request(case, task="cooking").model_dump_json()
     (reply,) = session.get("frugal/@v1/cooking/optimize", payload=payload, timeout=30.0)
     assert reply.err is not None
-    assert "task: expected plating, got 'cooking'" in reply.err.payload.to_string()
+    assert "task: expected plating, got frugal/@v1/cooking/optimize" in reply.err.payload.to_string()

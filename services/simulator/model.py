@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ STATES = 8
 class SimulatorModel(PredictiveModel):
     """Simulate the placement: soft or rigid item, plate, boxes that move, tray, friction. Always applicable.
 
-    The same state and action give the same bits, in any order and batch.
+    The same state and action give the same bits, in any order and batch. Threads that ask at once take turns.
 
     Args:
         settings: Resolution and laws, by default `LEVELS`' ``default``.
@@ -38,6 +39,7 @@ class SimulatorModel(PredictiveModel):
         self.settings = settings
         self.device = device
         self._placements: OrderedDict[str, Placement] = OrderedDict()
+        self._turn = threading.Lock()
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the settled heightmaps ``(B, H, W)`` [m]; a warning says if a placement did not come to rest.
@@ -46,7 +48,10 @@ class SimulatorModel(PredictiveModel):
             RequestError: The state cannot be simulated: an item that does not fit, an action off the grid.
             ModelError: The scene's bodies were not found, or do not come to rest.
         """
-        placement = self.placement(state)
+        with self._turn:
+            return self._outcomes(self.placement(state), actions)
+
+    def _outcomes(self, placement: Placement, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         heights: list[NDArray[np.float32]] = []
         warnings: list[str] = []
         for start in range(0, len(actions), placement.count):
@@ -91,4 +96,6 @@ class SimulatorModel(PredictiveModel):
 
         found = find_bodies(state.scene)
         assert found.plate is not None
+        if known is not None:
+            return Bodies(found.plate, known.boxes)
         return Bodies(found.plate, settle_boxes(found.plate, found.boxes, settings=self.settings, device=self.device))

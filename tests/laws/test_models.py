@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +101,11 @@ def test_a_state_is_not_written_into(model: PredictiveModel):
 def test_senseless_actions_are_the_callers_fault(model: PredictiveModel, actions: np.ndarray):
     with pytest.raises(RequestError, match="actions: expected"):
         model.predict(STATES["soft"], actions)
+
+
+def test_several_threads_at_once_get_the_answers_they_would_get_alone(model: PredictiveModel):
+    actions = np.array([[0.01, -0.015], [-0.05, 0.02], [0.03, 0.03], [0.0, -0.05]])
+    alone = [model.predict(STATES["rigid"], action[None]).heights for action in actions]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda action: model.predict(STATES["rigid"], action[None]).heights, actions))
+    np.testing.assert_array_equal(np.stack(together), np.stack(alone))

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.domain.bodies import Box
+from common.domain.bodies import Bodies, Box
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from common.domain.heightmap import shift
@@ -177,6 +177,16 @@ def test_a_scene_known_only_by_its_heightmap_gives_nearly_the_same_outcome(
     first, second = (model.predict(state, np.array([[0.0, 0.01]])) for state in (known, seen))
     assert first.warnings == second.warnings == ("",)
     assert np.abs(first.heights - second.heights).mean() < 5e-4
+
+
+def test_known_boxes_stay_where_they_are_if_only_the_plate_has_to_be_found(
+    model: SimulatorModel, slab: Slab, state_of: Make, fry: Fry
+) -> None:
+    boxes = settle_boxes(dinner_plate(), [fry(0.01, 0, 0.006, 0.5)])
+    known = state_of(slab(youngs_modulus=1e9), boxes)
+    plateless = State(replace(known.scene, bodies=Bodies(None, boxes)), known.item)
+    first, second = (model.predict(state, np.array([[-0.02, 0.01]])) for state in (known, plateless))
+    assert np.abs(first.heights - second.heights).mean() < 1e-4
 
 
 def test_only_the_last_few_states_are_kept(slab: Slab, state_of: Make) -> None:

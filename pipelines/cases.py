@@ -53,7 +53,7 @@ BUNDLED = (
     CaseRecipe("03-rigid-heap", 103, "heap", "t_bone", True, "heap_edge", notes="A rigid T-bone on a heap's edge."),
     CaseRecipe("04-medallion-bare", 104, "side_heap", "medallion", None, "bare", notes="A medallion on bare plate."),
     CaseRecipe("05-irregular-heaps", 105, "small_heaps", "irregular", False, "heap_edge", notes="Between small heaps."),
-    CaseRecipe("06-rigid-rim", 106, "side_heap", "ellipse", True, "rim", notes="A rigid item that leans on the rim."),
+    CaseRecipe("06-rigid-rim", 406, "side_heap", "ellipse", True, "rim", notes="A rigid item that leans on the rim."),
     CaseRecipe("07-other-heap", 107, "heap", "steak", False, "heap_edge", False, "Another item made the target."),
     CaseRecipe("08-other-rigid", 108, "small_heaps", "irregular", True, "anywhere", False, "Another, rigid item."),
 )

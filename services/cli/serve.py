@@ -15,6 +15,7 @@ from common.domain.model import PredictiveModel
 from common.tasks import TASKS
 from common.wire.settings import WireSettings
 from services.cli.instance import own_instance
+from services.simulator.settings import LEVELS
 
 INSTANCE = click.option(
     "--instance", envvar="FRUGAL_INSTANCE", default=own_instance, help="Name of this process in the keys."
@@ -57,11 +58,16 @@ def heuristic(*, instance: str, task: str) -> None:
 @serve.command()
 @INSTANCE
 @TASK
-def simulator(*, instance: str, task: str) -> None:
-    """Serve the simulator; its kernels are compiled before it joins."""
+@click.option("--level", type=click.Choice(list(LEVELS)), default="default", show_default=True, help="Resolution.")
+@click.option("--device", default="cpu", show_default=True, help="Warp's name of the device.")
+def simulator(*, instance: str, task: str, level: str, device: str) -> None:
+    """Serve the simulator; its kernels are compiled before it joins.
+
+    At a level other than ``default`` it is a model of its own: simulator_coarse, simulator_fine.
+    """
     from services.simulator.model import SimulatorModel
 
-    served = SimulatorModel()
+    served = SimulatorModel.at_level(level, device=device)
     served.warm()
     _serve_model(served, instance=instance, task=task)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.bodies import Bodies
+from common.domain.errors import RequestError
 from common.domain.grid import Floats
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
@@ -30,16 +31,30 @@ class SimulatorModel(PredictiveModel):
     Args:
         settings: Resolution and laws, by default `LEVELS`' ``default``.
         device: Warp's name of the device.
+        name: What it is called; a level other than ``default`` is a model of its own, see `at_level`.
     """
 
     name = "simulator"
     version = "1"
 
-    def __init__(self, *, settings: Settings = LEVELS["default"], device: str = "cpu") -> None:
+    def __init__(self, *, settings: Settings = LEVELS["default"], device: str = "cpu", name: str = "simulator") -> None:
         self.settings = settings
         self.device = device
+        self.name = name
         self._placements: OrderedDict[str, Placement] = OrderedDict()
         self._turn = threading.Lock()
+
+    @classmethod
+    def at_level(cls, level: str, *, device: str = "cpu") -> SimulatorModel:
+        """Return the simulator at one of `LEVELS`: ``simulator`` at ``default``, else ``simulator_<level>``.
+
+        Raises:
+            RequestError: There is no such level.
+        """
+        if level not in LEVELS:
+            raise RequestError(f"expected a level of {', '.join(LEVELS)}, got {level!r}")
+        name = cls.name if level == "default" else f"{cls.name}_{level}"
+        return cls(settings=LEVELS[level], device=device, name=name)
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the settled heightmaps ``(B, H, W)`` [m]; a warning says if a placement did not come to rest.

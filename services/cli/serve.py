@@ -69,7 +69,7 @@ def simulator(*, instance: str, task: str, level: str, device: str) -> None:
 
     served = SimulatorModel.at_level(level, device=device)
     served.warm()
-    _serve_model(served, instance=instance, task=task)
+    _serve_model(served, instance=instance, task=task, device=device)
 
 
 @serve.command()
@@ -111,11 +111,15 @@ def load_model(where: str) -> PredictiveModel:
     return found()
 
 
-def _serve_model(served: PredictiveModel, *, instance: str, task: str) -> None:
+def _serve_model(served: PredictiveModel, *, instance: str, task: str, device: str = "cpu") -> None:
     from common.wire.run import run_host
     from common.wire.serve import host_model
 
-    sys.exit(run_host(lambda session: host_model(session, served, task=task, instance=instance), WireSettings()))
+    sys.exit(
+        run_host(
+            lambda session: host_model(session, served, task=task, instance=instance, device=device), WireSettings()
+        )
+    )
 
 
 def _stop_at_eof() -> None:

@@ -114,27 +114,31 @@ class Box:
     def top(self, x: Floats, y: Floats) -> NDArray[np.float64]:
         """Return the height of the box's upper surface over each point, -inf where it is not [m].
 
-        A ray from above is marched along the signed distance of the rounded box until it touches.
+        A ray from above enters the box without rounding and is marched from there along the signed distance of the
+        rounded box until it touches.
         """
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-        rotation, core = self.rotation, self.size / 2 - ROUNDING
-        reach = float(np.linalg.norm(self.size)) / 2
-        offset = np.stack([x - self.position[0], y - self.position[1], np.full(x.shape, reach)], axis=-1)
-        near = np.hypot(offset[..., 0], offset[..., 1]) < reach
-        point = offset[near] @ rotation  # rows are R^T p
+        rotation, half = self.rotation, self.size / 2
+        reach = float(np.linalg.norm(half))
+        start = np.stack([x - self.position[0], y - self.position[1], np.full(x.shape, reach)], axis=-1) @ rotation
         down = -rotation[2]
-        travelled = np.zeros(len(point))
-        gap = np.full(len(point), np.inf)
+        slope = np.where(np.abs(down) < 1e-9, 1e-9, down)
+        crossings = (np.stack([-half, half])[:, None] - start.reshape(-1, 3)) / slope
+        travelled, leaves = crossings.min(axis=0).max(axis=1), crossings.max(axis=0).min(axis=1)
+        index = np.flatnonzero(travelled < leaves)
+        point, travelled, leaves = start.reshape(-1, 3)[index], travelled[index], leaves[index]
+        top = np.full(x.size, -np.inf)
         for _ in range(64):
-            excess = np.abs(point + travelled[:, None] * down) - core
+            excess = np.abs(point + travelled[:, None] * down) - (half - ROUNDING)
             gap = np.linalg.norm(np.maximum(excess, 0), axis=1) + np.minimum(excess.max(axis=1), 0) - ROUNDING
-            if (np.abs(gap) < 1e-7).all() or (gap[travelled < 2 * reach] < 1e-7).all():
+            touching = gap < 1e-7
+            top[index[touching]] = self.position[2] + reach - travelled[touching] - gap[touching]
+            going = ~touching & (travelled < leaves)
+            if not going.any():
                 break
-            travelled += gap
-        hit = (gap < 2e-5) & (travelled < 2 * reach)
-        top = np.full(x.shape, -np.inf)
-        top[near] = np.where(hit, self.position[2] + reach - travelled, -np.inf)
-        return top
+            index, point, leaves = index[going], point[going], leaves[going]
+            travelled = travelled[going] + gap[going]
+        return top.reshape(x.shape)
 
 
 @dataclass(frozen=True)

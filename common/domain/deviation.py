@@ -31,6 +31,7 @@ class Estimates:
         mean: Expected deviation ``(B,)``.
         upper: Calibrated upper bound ``(B,)``; equal to ``mean`` for an estimator without one.
         familiar: Whether state and action resemble the training data ``(B,)`` bool.
+        reason: In what the unfamiliar ones differ from the training data, empty if all are familiar.
         instance: The worker that answered, ``local`` in this process.
         compute_s: Time that the estimator took [s]; None if nobody measured it.
         events: What went wrong on the way.
@@ -39,6 +40,7 @@ class Estimates:
     mean: NDArray[np.float64]
     upper: NDArray[np.float64]
     familiar: NDArray[np.bool_]
+    reason: str = ""
     instance: str = "local"
     compute_s: float | None = None
     events: tuple[Event, ...] = ()

@@ -13,6 +13,20 @@ Floats = NDArray[np.floating[Any]]
 MAX_CELLS = 1024 * 1024
 
 
+def _hammersley(bits: int) -> NDArray[np.float64]:
+    """Return ``2^bits`` points in a unit square about 0, each alone in its row and column ``(K, 2)``."""
+    count = 1 << bits
+    reversed_bits = [int(f"{number:0{bits}b}"[::-1], 2) for number in range(count)]
+    return (np.column_stack([np.arange(count), reversed_bits]) + 0.5) / count - 0.5
+
+
+SUBSAMPLES = _hammersley(6)
+"""Where a cell is sampled for its mean height, x and y from its centre in cells ``(K, 2)``.
+
+A heightmap holds means over its cells: an edge that moves by a fraction of a cell changes the heights by that fraction.
+"""
+
+
 @dataclass(frozen=True)
 class Grid:
     """A regular grid of square cells, centred on the plate.

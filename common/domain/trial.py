@@ -25,6 +25,8 @@ class Trial:
         predict_s: From dispatch to answer [s].
         compute_s: The part of it that the model took [s].
         error: Why there is no reward, empty if there is one.
+        uppers: Upper bound of the estimated deviation by model.
+        unfamiliar: Models whose MDE does not know such inputs.
     """
 
     index: int
@@ -39,6 +41,8 @@ class Trial:
     predict_s: float = 0.0
     compute_s: float = 0.0
     error: str = ""
+    uppers: dict[str, float] = field(default_factory=dict[str, float])
+    unfamiliar: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator
-from common.domain.errors import BusyError, CancelledError, FrugalError, ModelError, TimedOutError, UnavailableError
+from common.domain.errors import BusyError, CancelledError, FrugalError, ModelError, UnavailableError
 from common.domain.model import Event, Predictions, PredictiveModel
 from common.domain.trial import Trial
+from common.planning.estimation import RECOVERABLE, Round, failure_event
 from common.planning.problem import Problem
 from common.planning.strategy import Estimate, Query, Strategy
-
-RECOVERABLE = (ModelError, UnavailableError, TimedOutError)
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,12 @@ class Evaluator:
     now: Callable[[], float]
     stopped: Callable[[], bool]
 
-    def evaluate(self, index: int, action: NDArray[np.float64]) -> Evaluation:
-        """Evaluate one action ``(n,)``: try the strategy's models in turn until one answers.
+    def round(self, actions: NDArray[np.float64]) -> Round:
+        """Return a round of actions ``(B, n)`` that are evaluated together."""
+        return Round(self.problem.state, actions, self.estimators, now=self.now)
+
+    def evaluate(self, index: int, action: NDArray[np.float64], together: Round, position: int) -> Evaluation:
+        """Evaluate one action ``(n,)`` of a round: try the strategy's models in turn until one answers.
 
         A model that fails is an event, and the next one is asked. If the last one fails too, the evaluation
         counts as failed.
@@ -73,16 +76,20 @@ class Evaluator:
             CancelledError: The optimisation has ended meanwhile, or a model was told so.
             UnavailableError: Nobody serves the last model of the strategy.
         """
-        return _Attempt(self, index, action).run()
+        return _Attempt(self, index, action, together, position).run()
 
 
 class _Attempt:
     """The tally of one evaluation."""
 
-    def __init__(self, evaluator: Evaluator, index: int, action: NDArray[np.float64]) -> None:
+    def __init__(
+        self, evaluator: Evaluator, index: int, action: NDArray[np.float64], together: Round, position: int
+    ) -> None:
         self._evaluator = evaluator
         self._index = index
         self._action = action
+        self._round = together
+        self._position = position
         self._started = evaluator.now()
         self._split: defaultdict[str, float] = defaultdict(float)
         self._events: list[Event] = []
@@ -138,6 +145,7 @@ class _Attempt:
         compute_s: float = 0.0,
         error: str = "",
     ) -> Trial:
+        known = {name: estimate for name, estimate in self._estimates.items() if estimate is not None}
         return Trial(
             index=self._index,
             action=tuple(self._action.tolist()),
@@ -145,12 +153,14 @@ class _Attempt:
             instance=instance,
             version=version,
             reward=reward,
-            estimates={name: estimate.mean for name, estimate in self._estimates.items() if estimate is not None},
+            estimates={name: estimate.mean for name, estimate in known.items()},
             warning=warning,
             started_s=self._started,
             predict_s=self._evaluator.now() - self._started,
             compute_s=compute_s,
             error=error,
+            uppers={name: estimate.upper for name, estimate in known.items()},
+            unfamiliar=tuple(name for name, estimate in known.items() if not estimate.familiar),
         )
 
     def _query(self) -> Query:
@@ -166,29 +176,17 @@ class _Attempt:
         )
 
     def _estimate(self, model: str) -> Estimate | None:
-        owner = self._evaluator
-        if model not in owner.estimators or model in self._estimates:
+        if model not in self._evaluator.estimators or model in self._estimates:
             return self._estimates.get(model)
-        began = owner.now()
-        try:
-            answer = owner.estimators[model].estimate(owner.problem.state, self._action[None])
-        except RECOVERABLE as error:
-            self._record(error, f"mde/{model}")
-            answer = None
-        wall_s = owner.now() - began
-        compute_s = wall_s if answer is None or answer.compute_s is None else min(answer.compute_s, wall_s)
-        self._split["mde"] += compute_s
-        self._split["transport"] += wall_s - compute_s
-        if answer is None:
-            self._estimates[model] = None
-        else:
-            self._gather(answer.events)
-            self._estimates[model] = Estimate(float(answer.mean[0]), float(answer.upper[0]), bool(answer.familiar[0]))
-        return self._estimates[model]
+        told = self._round.consult(model, self._position)
+        self._split["mde"] += told.compute_s
+        self._split["transport"] += told.transport_s
+        self._gather(told.events)
+        self._estimates[model] = told.estimate
+        return told.estimate
 
     def _record(self, error: FrugalError, worker: str) -> None:
-        kind = "model_error" if isinstance(error, ModelError) else error.code
-        self._events.append(Event(kind, worker, str(error), self._evaluator.now()))
+        self._gather((failure_event(error, worker),))
 
     def _gather(self, events: tuple[Event, ...]) -> None:
         self._events += [replace(event, time=self._evaluator.now()) for event in events]

@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from threading import Event as Flag
@@ -48,7 +48,8 @@ def optimize(
 
     Rewards are told to the planner in the order of asking, and action n is asked as soon as the rewards of actions
     0 to n - ``in_flight`` are known. So the trials depend on the seed and ``in_flight`` alone, not on which answer
-    happened to come first.
+    happened to come first. Actions that are asked before anything has to be waited for are a round: each MDE is asked
+    about all of them at once, and each goes to the cheapest applicable model.
 
     An outcome with a warning, for instance ``not_settled``, counts like any other: its reward is the best that is
     known of the action, and the warning stays with the trial.
@@ -104,14 +105,18 @@ def optimize(
     try:
         record = _Record(Planner(problem.limits, seed=seed), now=now, on_trial=on_trial)
         running: deque[_Running] = deque()
+        asked: list[tuple[int, NDArray[np.float64]]] = []
         for count in range(evaluations + in_flight):
             if count >= in_flight:
+                if not running or not running[0].future.done():
+                    running += _started(asked, evaluator, pool)
+                    asked.clear()
                 if not _finished(running[0].future, now=now, deadline_s=deadline_s, cancelled=cancelled):
                     break
                 record.settle(running.popleft().future.result())
             if count < evaluations:
-                index, action = record.ask()
-                running.append(_Running(index, action, now(), pool.submit(evaluator.evaluate, index, action)))
+                asked.append(record.ask())
+        running += [_Running(index, action, now(), Future()) for index, action in asked]
         for left in running:
             if left.future.done() and left.future.exception() is None:
                 record.settle(left.future.result())
@@ -131,6 +136,19 @@ class _Running:
     action: NDArray[np.float64]
     started_s: float
     future: Future[Evaluation]
+
+
+def _started(
+    asked: Sequence[tuple[int, NDArray[np.float64]]], evaluator: Evaluator, pool: ThreadPoolExecutor
+) -> list[_Running]:
+    """Start the evaluations of a round."""
+    if not asked:
+        return []
+    together = evaluator.round(np.stack([action for _, action in asked]))
+    return [
+        _Running(index, action, evaluator.now(), pool.submit(evaluator.evaluate, index, action, together, position))
+        for position, (index, action) in enumerate(asked)
+    ]
 
 
 class _Record:
@@ -163,7 +181,7 @@ class _Record:
         self._split["optimiser"] += self._now() - began
         for name, seconds in evaluation.split_s.items():
             self._split[name] = self._split.get(name, 0.0) + seconds
-        self._events += evaluation.events
+        self._events += [event for event in evaluation.events if self._is_new(event)]
         if trial.reward is None or evaluation.heights is None:
             self._failure = evaluation.failure
         elif self._best is None or trial.reward > _reward(self._best[0]):
@@ -213,6 +231,12 @@ class _Record:
             events=tuple(sorted(self._events, key=lambda event: event.time)),
             strategy=strategy,
             seed=seed,
+        )
+
+    def _is_new(self, event: Event) -> bool:
+        """Return whether an event has to be kept; of unfamiliar inputs only the first of each MDE, trials name all."""
+        return event.kind != "unfamiliar" or all(
+            (event.kind, event.worker) != (known.kind, known.worker) for known in self._events
         )
 
     def _keep(self, trial: Trial) -> None:

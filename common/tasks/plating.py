@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.domain.bodies import Bodies, Plate
-from common.domain.grid import Grid
+from common.domain.bodies import Bodies, Box, Plate
+from common.domain.grid import SUBSAMPLES, Grid
 from common.domain.scene import Scene, State
 from common.domain.task import Task
 
@@ -44,15 +44,34 @@ def dinner_plate() -> Plate:
 
 
 def render_scene(grid: Grid, bodies: Bodies) -> Scene:
-    """Draw plate and boxes from above as heightmap and material masks of the topmost thing."""
+    """Draw plate and boxes from above: the mean height of every cell, and the material that shows on most of it."""
     plate = bodies.plate or dinner_plate()
-    heights = plate.heightmap(grid)
-    materials = np.zeros((3, *grid.shape))
-    for box in bodies.boxes:
-        top = box.top(grid.x[None, :], grid.y[:, None])
-        visible = top > heights
-        heights = np.where(visible, top, heights)
-        material = (box.material.density, box.material.youngs_modulus, box.material.poisson_ratio)
-        for channel, value in zip(materials, material, strict=True):
-            channel[visible] = value
-    return Scene(grid, heights.astype(np.float32), materials.astype(np.float32), bodies)
+    ground = plate.heightmap(grid).astype(np.float64)
+    samples = np.repeat(ground[..., None], len(SUBSAMPLES), axis=-1)
+    owner = np.full(samples.shape, -1)
+    for index, box in enumerate(bodies.boxes):
+        rows, columns = _cells_below(grid, box)
+        if not len(rows) or not len(columns):
+            continue  # beside the grid
+        x = grid.x[columns, None] + grid.cell * SUBSAMPLES[:, 0]
+        y = grid.y[rows, None] + grid.cell * SUBSAMPLES[:, 1]
+        top = box.top(x[None, :, :], y[:, None, :])
+        window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        visible = top > samples[window]
+        samples[window] = np.where(visible, top, samples[window])
+        owner[window] = np.where(visible, index, owner[window])
+    shares = np.array([(owner == index).mean(axis=-1) for index in range(-1, len(bodies.boxes))])
+    topmost = shares.argmax(axis=0)
+    table = [(0.0, 0.0, 0.0)] + [
+        (box.material.density, box.material.youngs_modulus, box.material.poisson_ratio) for box in bodies.boxes
+    ]
+    materials = np.moveaxis(np.array(table)[topmost], -1, 0)
+    return Scene(grid, samples.mean(axis=-1).astype(np.float32), materials.astype(np.float32), bodies)
+
+
+def _cells_below(grid: Grid, box: Box) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows and columns of cells that a box may cover, seen from above."""
+    reach = np.abs(box.rotation[:2]) @ (box.size / 2) + grid.cell
+    rows = np.flatnonzero(np.abs(grid.y - box.position[1]) < reach[1])
+    columns = np.flatnonzero(np.abs(grid.x - box.position[0]) < reach[0])
+    return rows, columns

@@ -102,6 +102,7 @@ class EstimateReply(Reply):
     mean: Array = Field(description="Estimated deviation (B,), scaled to [0, 1].")
     upper: Array = Field(description="Upper bound of the deviation (B,), scaled to [0, 1].")
     familiar: Array = Field(description="Whether the input is like those that the MDE learned from (B,), bool.")
+    reason: str = Field(default="", description="In what unfamiliar inputs differ from those that it learned from.")
     model: str = Field(description="The model whose deviation is estimated.")
     version: str
     instance: str
@@ -115,6 +116,7 @@ class EstimateReply(Reply):
             mean=Array.of(estimates.mean),
             upper=Array.of(estimates.upper),
             familiar=Array.of(estimates.familiar),
+            reason=estimates.reason,
             model=model,
             version=version,
             instance=instance,

@@ -49,6 +49,8 @@ class TrialMessage(Reply):
     predict_s: float = Field(default=0.0, description="From dispatch to answer [s].")
     compute_s: float = Field(default=0.0, description="The part of it that the model took [s].")
     error: str = Field(default="", description="Why there is no reward, empty if there is one.")
+    uppers: dict[str, float] = Field(default={}, description="Upper bound of the estimated deviation by model.")
+    unfamiliar: tuple[str, ...] = Field(default=(), description="Models whose MDE does not know such inputs.")
 
     @classmethod
     def of(cls, trial: Trial) -> Self:

@@ -132,6 +132,7 @@ class RemoteEstimator(DeviationEstimator):
             mean=np.asarray(reply.mean.values(), dtype=np.float64),
             upper=np.asarray(reply.upper.values(), dtype=np.float64),
             familiar=np.asarray(reply.familiar.values(), dtype=np.bool_),
+            reason=reply.reason,
             instance=answer.address.instance,
             compute_s=min(reply.compute_s, answer.seconds),
             events=answer.events,

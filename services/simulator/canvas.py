@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from common.domain.bodies import Plate
-from common.domain.grid import Grid
+from common.domain.grid import SUBSAMPLES, Grid
 from services.simulator import raster
 from services.simulator.bodies import Body
 from services.simulator.device import upload
@@ -18,7 +18,7 @@ from services.simulator.simulation import Simulation
 
 @dataclass(frozen=True)
 class Skin:
-    """The item's visible surface: its top, a pyramid of four triangles a pixel, and its walls.
+    """The item's surface as seen from above: every pixel is a column with a level top and walls down to its neighbours.
 
     Attributes:
         points: Vertices in the item's frame ``(V, 3)`` [m].
@@ -29,27 +29,44 @@ class Skin:
     triangles: NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """What was seen from above, means over the cells ``(W, H, W)``.
+
+    Attributes:
+        heights: The topmost surface [m].
+        without_item: The same as if the item were not there [m].
+        uncovered: Share of each cell that the item does not cover [-].
+    """
+
+    heights: NDArray[np.float32]
+    without_item: NDArray[np.float32]
+    uncovered: NDArray[np.float32]
+
+
 def skin_of(outline: Outline) -> Skin:
-    """Cover top and walls of an item; the vertex in a pixel's middle has the pixel's own thickness."""
-    covered = outline.covered
-    rows, columns = np.nonzero(covered)
-    shape = outline.lattice.shape
-    grid_row, grid_column = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
-    plane = outline.corner + np.stack([grid_column, grid_row], axis=1) * outline.pixel
-    top = np.column_stack([plane, outline.lattice.ravel()])
-    bottom = np.column_stack([plane, np.zeros(len(plane))])
-    middle = np.column_stack([outline.centres, outline.thickness[rows, columns]])
-    first = rows * shape[1] + columns
-    ring = [first, first + 1, first + shape[1] + 1, first + shape[1]]
-    peak = 2 * len(plane) + np.arange(len(rows))
-    faces = [np.stack([peak, ring[i], ring[(i + 1) % 4]], axis=1) for i in range(4)]
-    for i, (row, column) in enumerate(((-1, 0), (0, 1), (1, 0), (0, -1))):
-        outer = ~covered[rows + row, columns + column]
-        a, b = ring[i][outer], ring[(i + 1) % 4][outer]
-        faces += [np.stack([a, b, a + len(plane)], axis=1), np.stack([b, b + len(plane), a + len(plane)], axis=1)]
-    points, triangles = np.concatenate([top, bottom, middle]), np.concatenate(faces)
-    used, triangles = np.unique(triangles, return_inverse=True)
-    return Skin(points[used], triangles.reshape(-1, 3).astype(np.int32))
+    """Cover top and walls of an item; columns share no vertices, so that their means are the pixels' thicknesses."""
+    rows, columns = np.nonzero(outline.covered)
+    height = outline.thickness[rows, columns]
+    index = np.full(outline.covered.shape, -1)
+    index[rows, columns] = np.arange(len(rows))
+    around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    plane = outline.centres[:, None] + outline.pixel * around  # (P, 4, 2)
+    top = np.dstack([plane, np.repeat(height[:, None], 4, axis=1)])
+    points, count = [top.reshape(-1, 3)], 4 * len(rows)
+    first = 4 * np.arange(len(rows))
+    faces = [np.stack([first, first + 1, first + 2], axis=1), np.stack([first, first + 2, first + 3], axis=1)]
+    for side, (row, column) in enumerate(((-1, 0), (0, 1), (1, 0), (0, -1))):
+        lower = outline.thickness[rows + row, columns + column]
+        walls = np.flatnonzero(lower < height)
+        a, b = first[walls] + side, first[walls] + (side + 1) % 4
+        feet = top[walls][:, [side, (side + 1) % 4]]
+        feet[..., 2] = lower[walls, None]
+        c = count + 2 * np.arange(len(walls))
+        points.append(feet.reshape(-1, 3))
+        faces += [np.stack([a, b, c], axis=1), np.stack([b, c + 1, c], axis=1)]
+        count += 2 * len(walls)
+    return Skin(np.concatenate(points), np.concatenate(faces).astype(np.int32))
 
 
 class Canvas:
@@ -72,8 +89,11 @@ class Canvas:
         device, count = simulation.device, simulation.count
         skin = skin_of(outline)
         self._rigid = item is not None
-        self._ground = upload(np.repeat(plate.heightmap(grid)[None], count, axis=0), float, device)
-        self._heights = wp.zeros_like(self._ground)
+        self._ground = upload(plate.heightmap(grid), float, device)
+        self._offsets = upload(SUBSAMPLES, wp.vec2, device)
+        self._boxes = wp.empty((count, *grid.shape, len(SUBSAMPLES)), dtype=float, device=device)
+        self._item = wp.empty_like(self._boxes)
+        self._means = [wp.empty((count, *grid.shape), dtype=float, device=device) for _ in range(3)]
         self._triangles = upload(skin.triangles, int, device)
         self._vertices = wp.zeros((count, len(skin.points)), dtype=wp.vec3, device=device)
         if item is not None:
@@ -88,36 +108,28 @@ class Canvas:
         if self._simulation.bodies:
             worlds.p.assign(poses[0].astype(np.float32))
             worlds.q.assign(poses[1].astype(np.float32))
-        self._draw_boxes()
-        return np.array(self._heights.numpy(), dtype=np.float32)
+        return self._draw(with_item=False).heights
 
-    def draw(self) -> NDArray[np.float32]:
-        """Return plate, boxes and item where they are now ``(W, H, W)`` [m]."""
+    def draw(self) -> Drawing:
+        """Return plate, boxes and item where they are now."""
+        return self._draw(with_item=True)
+
+    def _draw(self, *, with_item: bool) -> Drawing:
         simulation = self._simulation
         count, device = simulation.count, simulation.device
-        self._draw_boxes()
-        size = (count, self._vertices.shape[1])
-        if self._rigid:
-            wp.launch(
-                raster.place_rigid_vertices, size, [simulation.worlds, self._points, self._vertices], device=device
-            )
-        else:
-            inputs = [simulation.solid, simulation.worlds, *self._carriers, self._vertices]
-            wp.launch(raster.place_soft_vertices, size, inputs, device=device)
-        wp.launch(
-            raster.draw_triangles,
-            (count, len(self._triangles)),
-            [self._triangles, self._vertices, self._cell, self._heights],
-            device=device,
-        )
-        return np.array(self._heights.numpy(), dtype=np.float32)
-
-    def _draw_boxes(self) -> None:
-        simulation = self._simulation
-        wp.copy(self._heights, self._ground)
-        wp.launch(
-            raster.draw_boxes,
-            self._heights.shape,
-            [simulation.rigid, simulation.worlds, self._cell, self._heights],
-            device=simulation.device,
-        )
+        inputs = [simulation.rigid, simulation.worlds, self._cell, self._offsets, self._boxes]
+        wp.launch(raster.draw_boxes, self._boxes.shape[:3], inputs, device=device)
+        self._item.fill_(float(raster.NOTHING))
+        if with_item:
+            size = (count, self._vertices.shape[1])
+            if self._rigid:
+                inputs = [simulation.worlds, self._points, self._vertices]
+                wp.launch(raster.place_rigid_vertices, size, inputs, device=device)
+            else:
+                inputs = [simulation.solid, simulation.worlds, *self._carriers, self._vertices]
+                wp.launch(raster.place_soft_vertices, size, inputs, device=device)
+            inputs = [self._triangles, self._vertices, self._cell, self._offsets, self._item]
+            wp.launch(raster.draw_triangles, (count, len(self._triangles)), inputs, device=device)
+        inputs = [self._ground, self._boxes, self._item, *self._means]
+        wp.launch(raster.blend, self._boxes.shape[:3], inputs, device=device)
+        return Drawing(*(np.array(mean.numpy(), dtype=np.float32) for mean in self._means))

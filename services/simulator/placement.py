@@ -18,7 +18,7 @@ from services.simulator.settings import Settings
 from services.simulator.simulation import Outcome, Simulation
 
 UNCHANGED = 1e-4
-"""Where the drawn scene changes by less than this, the state's own height is kept [m]."""
+"""Where plate and boxes change by less than this, the state's own height is kept beside the item [m]."""
 
 MOST_BOXES = 30
 """Boxes that fit in the bit sets of the contact search."""
@@ -112,9 +112,11 @@ class Placement:
             item_velocity=-self.settings.tray_speed,
         )
         outcome = self.simulation.run(check=check)
-        after = self._canvas.draw()
-        count = len(actions)
-        heights = np.where(np.abs(after - self._before) < UNCHANGED, self.state.scene.heights, after)
+        seen, count = self._canvas.draw(), len(actions)
+        unmoved = np.abs(seen.without_item - self._before) < UNCHANGED
+        unexplained = self.state.scene.heights - self._before  # what neither plate nor boxes account for stays
+        heights = np.where(unmoved, seen.heights + seen.uncovered * unexplained, seen.heights)
+        heights = np.where(unmoved & (seen.uncovered == 1), self.state.scene.heights, heights).astype(np.float32)
         return Placed(heights[:count], outcome.settled[:count], outcome.speed[:count], outcome.time[:count], outcome)
 
     def start_height(self, action: NDArray[np.float64]) -> float:

@@ -1,0 +1,1 @@
+"""The learned model: a residual encoder-decoder on top of the heuristic sum."""

@@ -132,6 +132,8 @@ class Orchestrator:
             publish(kind="trial", trial=TrialMessage.of(trial))
 
         publish(kind="accepted", strategy=request.strategy, evaluations=request.evaluations)
+        for event in self._left_out(assignment.problem):
+            news.put(event)
         self._listeners.add(news)
         try:
             result = self._run(assignment, call, on_trial=on_trial, interrupted=interrupted)
@@ -201,6 +203,17 @@ class Orchestrator:
     def _estimators(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteEstimator]:
         names = sorted(self._fitting("mde", problem))
         return _reachable(names, partial(RemoteEstimator, self._directory, limits=limits))
+
+    def _left_out(self, problem: Problem) -> list[Event]:
+        """Return an event for every live model or MDE that does not take the problem's grid."""
+        return [
+            Event("left_out", worker.address.worker, f"expected {worker.card.grid.grid()}, got {problem.state.grid}")
+            for worker in self._directory.workers()
+            if worker.address.role in ("model", "mde")
+            and worker.card is not None
+            and worker.card.grid is not None
+            and worker.card.grid.grid() != problem.state.grid
+        ]
 
     def _fitting(self, role: str, problem: Problem) -> set[str]:
         return {

@@ -131,6 +131,8 @@ class Worlds:
     turn: wp.array2d[wp.mat33]  # (W, E) rotation of each hexahedron
     near: wp.array2d[int]  # (W, P) bit set of what is near each patch
     was_near: wp.array2d[int]
+    touched: wp.array2d[int]  # (W, S) bit set of what each sample of the soft item is in contact with
+    body_touched: wp.array2d[int]  # (W, T) the same for samples of rigid bodies
     anchor: wp.array3d[wp.vec3]  # (W, S, K) in the obstacle's frame
     grip: wp.array3d[wp.vec3]  # (W, T, K) touching point in the body's frame
     body_anchor: wp.array3d[wp.vec3]  # (W, T, K)
@@ -167,3 +169,4 @@ class System:
     bordered: wp.array2d[float]  # (W, 3 N row)
     corner: wp.array3d[float]  # (W, 6 M, 6 M) upper half
     corner_load: wp.array2d[float]  # (W, 6 M)
+    schur: wp.array2d[float]  # (W, 6 M (6 M + 32)) what the band adds to the corner

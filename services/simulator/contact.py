@@ -175,11 +175,17 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
     near = worlds.near[w, solid.patch[s]]
     if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
         return
+    touched = int(0)
+    if tangent:  # the forces at this point have been computed
+        near = worlds.touched[w, s]
+        if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+            return
     point = node_mix(solid, worlds, w, s)
     k = solid.normal_stiffness[s]
     if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
         surface = plate_distance(plate, point)
         if surface[3] < 0.0:
+            touched = touched | NEAR_PLATE
             n = wp.vec3(surface[0], surface[1], surface[2])
             stretch = point - worlds.anchor[w, s, PLATE]
             if tangent:
@@ -204,6 +210,7 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
             local = wp.quat_rotate_inv(worlds.q[w, body], arm)
             surface = box_distance(rigid.core[body], local)
             if surface[3] < 0.0:
+                touched = touched | (1 << box)
                 n = wp.quat_rotate(worlds.q[w, body], wp.vec3(surface[0], surface[1], surface[2]))
                 stretch = wp.quat_rotate(worlds.q[w, body], local - worlds.anchor[w, s, FIRST_BOX + box])
                 if tangent:
@@ -217,6 +224,8 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
                     add_body_force(worlds, w, body, arm, -force)
         near = near >> 1
         box += 1
+    if not tangent:
+        worlds.touched[w, s] = touched
 
 
 @wp.kernel(module=MODULE)
@@ -233,6 +242,11 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
     near = worlds.near[w, rigid.patch[t]]
     if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
         return
+    touched = int(0)
+    if tangent:  # the forces at this point have been computed
+        near = worlds.body_touched[w, t]
+        if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+            return
     own = rigid.body[t]
     orientation = worlds.q[w, own]
     centre = worlds.p[w, own] + wp.quat_rotate(orientation, rigid.point[t])
@@ -242,6 +256,7 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
         surface = plate_distance(plate, centre)
         gap = surface[3] - radius
         if gap < 0.0:
+            touched = touched | NEAR_PLATE
             n = wp.vec3(surface[0], surface[1], surface[2])
             arm = wp.quat_rotate(orientation, worlds.grip[w, t, PLATE])
             stretch = worlds.p[w, own] + arm - worlds.body_anchor[w, t, PLATE]
@@ -268,6 +283,7 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
             surface = box_distance(rigid.core[body], local)
             gap = surface[3] - radius
             if gap < 0.0:
+                touched = touched | (1 << box)
                 n = wp.quat_rotate(worlds.q[w, body], wp.vec3(surface[0], surface[1], surface[2]))
                 arm = wp.quat_rotate(orientation, worlds.grip[w, t, FIRST_BOX + box])
                 anchor = wp.quat_rotate(worlds.q[w, body], worlds.body_anchor[w, t, FIRST_BOX + box])
@@ -287,3 +303,5 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
                     add_body_force(worlds, w, body, other_arm, -force)
         near = near >> 1
         box += 1
+    if not tangent:
+        worlds.body_touched[w, t] = touched

@@ -18,14 +18,11 @@ from services.simulator.mesh import Mesh
 from services.simulator.samples import Samples
 from services.simulator.settings import Settings
 from services.simulator.surfaces import upload_plate
-from services.simulator.system import PANEL, solve_newton
+from services.simulator.system import PADDING, VECTOR, solve_newton
 from services.simulator.tables import laws_of, rigid_of, solid_of
 
 KERNELS = (contact, elements, memory, raster, stepping)
 """Every module with kernels: the Warp module must be complete before it is first compiled."""
-
-LANES = 8
-"""Entries to which rows of the system are padded."""
 
 NO_TRAY = -1e3
 
@@ -209,6 +206,8 @@ class Simulation:
         patches = cells + self.rigid.patch_body.shape[0]
         for name in ("near", "was_near"):
             setattr(worlds, name, wp.zeros((count, patches), dtype=int, device=device))
+        worlds.touched = wp.zeros((count, max(samples, 1)), dtype=int, device=device)
+        worlds.body_touched = wp.zeros((count, points), dtype=int, device=device)
         worlds.anchor = wp.zeros((count, max(samples, 1), obstacles), dtype=wp.vec3, device=device)
         for name in ("grip", "body_anchor"):
             setattr(worlds, name, wp.zeros((count, points, obstacles), dtype=wp.vec3, device=device))
@@ -225,13 +224,14 @@ class Simulation:
         if mesh is not None:
             width = 3 * int((mesh.cells.max(axis=1) - mesh.cells.min(axis=1)).max()) + 3
         system.nodes = self.nodes
-        system.band = _padded(width + PANEL)
-        system.row = system.band + _padded(1 + unknowns)
+        system.band = _padded(width + PADDING)
+        system.row = system.band + _padded(1 + unknowns) + VECTOR
         shape = (self.count, max(3 * self.nodes * system.row, 1))
         system.bordered = wp.zeros(shape, dtype=float, device=self.device)
         edge = max(unknowns, 6)
         system.corner = wp.zeros((self.count, edge, edge), dtype=float, device=self.device)
         system.corner_load = wp.zeros((self.count, edge), dtype=float, device=self.device)
+        system.schur = wp.zeros((self.count, edge * (edge + 2 * VECTOR)), dtype=float, device=self.device)
         return system
 
     def _record(self, laws: Laws) -> list[Any]:
@@ -277,4 +277,4 @@ class Simulation:
 
 
 def _padded(entries: int) -> int:
-    return -(-entries // LANES) * LANES
+    return -(-entries // VECTOR) * VECTOR

@@ -7,84 +7,125 @@ import warp as wp
 from services.simulator.arrays import DIRECTION, Rigid, System, Worlds
 from services.simulator.device import MODULE
 
-PANEL = 4
-"""Rows that are eliminated together: each target row is then read and written once instead of four times."""
+PADDING = 24
+"""Zeros kept behind the band of every row: the rows eliminated together and one vector."""
+VECTOR = 16
+"""Entries to which the border of a row is padded; as many again are left free behind it."""
 
 SOLVE = """
     const int MOST_COLUMNS = 192;  // six for each of the 32 bodies that the contact search can tell apart
-
-    // U^T U of the band, right-looking; the right-hand side and the border are further columns of every row.
-    const int PANEL = 4;
+#ifdef __CUDACC__
+    typedef float vec;
+    const int LANES = 1;
+#else
+    typedef float vec __attribute__((vector_size(64), aligned(4)));
+    const int LANES = 16;
+#endif
+    const int PANEL = 8;  // rows that are eliminated together: every other row is read and written once for all
+    const int reach = band - 24;  // half-bandwidth; the entries behind it are zeros
     float* const A = bordered.data + (long long)w * n * row;
+
     // Border columns of bodies that touch nothing soft are zeros: the others are moved together.
     int column[MOST_COLUMNS];
-    int width_of_border = 0;
+    int width = 0;
     for (int b = 0; b + 6 <= m; b += 6) {
         bool used = false;
         for (int i = 0; i < n && !used; ++i) {
             const float* const entry = A + (long long)i * row + band + 1 + b;
             for (int c = 0; c < 6; ++c) used = used || entry[c] != 0.0f;
         }
-        for (int c = 0; used && c < 6; ++c) column[width_of_border++] = b + c;
+        for (int c = 0; used && c < 6; ++c) column[width++] = b + c;
     }
+    const int right = band + (width + LANES) / LANES * LANES;  // the load and the border, padded
     for (int i = 0; i < n; ++i) {
         float* const border = A + (long long)i * row + band + 1;
-        for (int c = 0; c < width_of_border; ++c) border[c] = border[column[c]];
+        if (width < m)
+            for (int c = 0; c < width; ++c) border[c] = border[column[c]];
+        for (int c = band + 1 + width; c < right; ++c) A[(long long)i * row + c] = 0.0f;
     }
-    const int right = band + 1 + width_of_border;
+    const int stride = right - band;  // row a of the Schur complement: the load, then the columns
+    float* const S = schur.data + (long long)w * schur.shape[1];
+    for (int k = 0; k < width * stride; ++k) S[k] = 0.0f;
+
+    // U^T U of the band, right-looking; the right-hand side and the border are further columns of every row.
+    int first_coupled = n;
     for (int k0 = 0; k0 < n; k0 += PANEL) {
         const int size = n - k0 < PANEL ? n - k0 : PANEL;
-        bool coupled = false;
+        const float* source[PANEL];
         for (int p = 0; p < size; ++p) {
-            float* __restrict__ const target = A + (long long)(k0 + p) * row;
+            float* const target = A + (long long)(k0 + p) * row;
+            source[p] = target - p;  // equal columns have equal indices
             for (int o = 0; o < p; ++o) {
-                const float* __restrict__ const source = A + (long long)(k0 + o) * row;
-                const float factor = source[p - o];
-                for (int d = 0; d < band - PANEL; ++d) target[d] -= factor * source[d + p - o];
-                for (int c = band; c < right; ++c) target[c] -= factor * source[c];
+                const float factor = source[o][p];
+                for (int d = 0; d < reach; d += LANES) *(vec*)(target + d) -= factor * *(const vec*)(source[o] + p + d);
+                for (int c = band; c < right; c += LANES)
+                    *(vec*)(target + c) -= factor * *(const vec*)(source[o] + o + c);
             }
-            const float pivot = target[0] > 1e-12f ? target[0] : 1e-12f;
-            const float scale = 1.0f / sqrtf(pivot);
-            for (int d = 0; d < right; ++d) target[d] *= scale;
-            for (int c = band + 1; c < right; ++c) coupled = coupled || target[c] != 0.0f;
+            const float scale = 1.0f / sqrtf(target[0] > 1e-12f ? target[0] : 1e-12f);
+            for (int d = 0; d < reach; d += LANES) *(vec*)(target + d) *= scale;
+            for (int c = band; c < right; c += LANES) *(vec*)(target + c) *= scale;
+            for (int c = band + 1; c < right && first_coupled == n; ++c)
+                if (target[c] != 0.0f) first_coupled = k0 + p;
         }
-        const int end = coupled ? right : band + 1;
-        const float* __restrict__ const r0 = A + (long long)k0 * row;
-        const float* __restrict__ const r1 = r0 + (size > 1 ? row : 0);
-        const float* __restrict__ const r2 = r0 + (size > 2 ? 2 * row : 0);
-        const float* __restrict__ const r3 = r0 + (size > 3 ? 3 * row : 0);
-        const int reach = band - PANEL;  // half-bandwidth; the entries behind it are zeros
-        for (int i = k0 + size; i < n && i < k0 + size + reach; ++i) {
-            float* __restrict__ const target = A + (long long)i * row;
-            const int s = i - k0;
-            const float a0 = r0[s];
-            const float a1 = size > 1 ? r1[s - 1] : 0.0f;
-            const float a2 = size > 2 ? r2[s - 2] : 0.0f;
-            const float a3 = size > 3 ? r3[s - 3] : 0.0f;
-            const int width = reach - s + size;
-            const float* __restrict__ const s0 = r0 + s;
-            const float* __restrict__ const s1 = r1 + (size > 1 ? s - 1 : 0);
-            const float* __restrict__ const s2 = r2 + (size > 2 ? s - 2 : 0);
-            const float* __restrict__ const s3 = r3 + (size > 3 ? s - 3 : 0);
-            for (int d = 0; d < width; ++d) target[d] -= a0 * s0[d] + a1 * s1[d] + a2 * s2[d] + a3 * s3[d];
-            for (int c = band; c < end; ++c) target[c] -= a0 * r0[c] + a1 * r1[c] + a2 * r2[c] + a3 * r3[c];
-        }
-        if (coupled) {
-            for (int p = 0; p < size; ++p) {
-                const float* __restrict__ const load = A + (long long)(k0 + p) * row + band;
-                const float* __restrict__ const border = load + 1;
-                for (int a = 0; a < width_of_border; ++a) {
-                    if (border[a] == 0.0f) continue;
-                    float* __restrict__ const target = corner.data + ((long long)w * m + column[a]) * m;
-                    for (int b = a; b < width_of_border; ++b) target[column[b]] -= border[a] * border[b];
-                    corner_load.data[w * m + column[a]] -= border[a] * load[0];
+        const bool coupled = first_coupled < n;
+        const int end = coupled ? right : band + LANES;
+        const int last = n - k0 < PANEL + reach ? n - k0 : PANEL + reach;
+        int s = PANEL;
+        for (; s + 2 <= last; s += 2) {
+            float* const upper = A + (long long)(k0 + s) * row;
+            float* const lower = upper + row;
+            float a[PANEL], b[PANEL];
+            for (int p = 0; p < PANEL; ++p) a[p] = source[p][s];
+            for (int p = 0; p < PANEL; ++p) b[p] = source[p][s + 1];
+            for (int d = 0; d < reach - s + PANEL; d += LANES) {
+                vec first = *(const vec*)(upper + d);
+                vec second = *(const vec*)(lower - 1 + d);
+                for (int p = 0; p < PANEL; ++p) {
+                    const vec entries = *(const vec*)(source[p] + s + d);
+                    first -= a[p] * entries;
+                    second -= b[p] * entries;
                 }
+                *(vec*)(upper + d) = first;
+                *(vec*)(lower - 1 + d) = second;
+            }
+            for (int c = band; c < end; c += LANES) {
+                vec first = *(const vec*)(upper + c);
+                vec second = *(const vec*)(lower + c);
+                for (int p = 0; p < PANEL; ++p) {
+                    const vec entries = *(const vec*)(source[p] + p + c);
+                    first -= a[p] * entries;
+                    second -= b[p] * entries;
+                }
+                *(vec*)(upper + c) = first;
+                *(vec*)(lower + c) = second;
+            }
+        }
+        for (; s < last; ++s) {
+            float* const target = A + (long long)(k0 + s) * row;
+            for (int p = 0; p < size; ++p) {
+                const float factor = source[p][s];
+                for (int d = 0; d < reach - s + PANEL; d += LANES)
+                    *(vec*)(target + d) -= factor * *(const vec*)(source[p] + s + d);
+                for (int c = band; c < end; c += LANES) *(vec*)(target + c) -= factor * *(const vec*)(source[p] + p + c);
+            }
+        }
+        for (int a = 0; coupled && a < width; ++a) {
+            for (int p = 0; p < size; ++p) {
+                const float* const border = source[p] + p + band;
+                const float factor = border[1 + a];
+                if (factor == 0.0f) continue;
+                for (int c = 0; c < stride; c += LANES)
+                    *(vec*)(S + a * stride + c) -= factor * *(const vec*)(border + c);
             }
         }
     }
     // The bodies' dense corner, the same way.
     float* const C = corner.data + (long long)w * m * m;
     float* const y = corner_load.data + (long long)w * m;
+    for (int a = 0; a < width; ++a) {
+        y[column[a]] += S[a * stride];
+        for (int b = a; b < width; ++b) C[(long long)column[a] * m + column[b]] += S[a * stride + 1 + b];
+    }
     for (int k = 0; k < m; ++k) {
         float* __restrict__ const source = C + (long long)k * m;
         const float pivot = source[k] > 1e-12f ? source[k] : 1e-12f;
@@ -104,22 +145,22 @@ SOLVE = """
         for (int b = k + 1; b < m; ++b) sum -= C[k * m + b] * y[b];
         y[k] = sum / C[k * m + k];
     }
-    // Back substitution; eight partial sums let the compiler use vectors.
+    // Back substitution; several partial sums let the compiler use vectors.
     float shift[MOST_COLUMNS];
-    for (int c = 0; c < width_of_border; ++c) shift[c] = y[column[c]];
+    for (int c = 0; c < width; ++c) shift[c] = y[column[c]];
     float* const x = (float*)direction.data + (long long)w * n;
     for (int k = n - 1; k >= 0; --k) {
-        const float* __restrict__ const source = A + (long long)k * row;
-        const int length = n - 1 - k < band - PANEL ? n - 1 - k : band - PANEL;
-        float sums[8] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+        const float* const entries = A + (long long)k * row;
+        const int length = n - 1 - k < reach ? n - 1 - k : reach;
+        float sums[16] = {};
         int d = 0;
-        for (; d + 8 <= length; d += 8)
-            for (int l = 0; l < 8; ++l) sums[l] += source[1 + d + l] * x[k + 1 + d + l];
-        float sum = source[band];
-        for (; d < length; ++d) sum -= source[1 + d] * x[k + 1 + d];
-        for (int c = 0; c < width_of_border; ++c) sum -= source[band + 1 + c] * shift[c];
-        for (int l = 0; l < 8; ++l) sum -= sums[l];
-        x[k] = sum / source[0];
+        for (; d + 16 <= length; d += 16)
+            for (int l = 0; l < 16; ++l) sums[l] += entries[1 + d + l] * x[k + 1 + d + l];
+        float sum = entries[band];
+        for (; d < length; ++d) sum -= entries[1 + d] * x[k + 1 + d];
+        for (int c = 0; c < width; ++c) sum -= entries[band + 1 + c] * shift[c];
+        for (int l = 0; l < 16; ++l) sum -= sums[l];
+        x[k] = sum / entries[0];
     }
 """
 
@@ -130,6 +171,7 @@ def solve_bordered_band(
     corner: wp.array3d[float],
     corner_load: wp.array2d[float],
     direction: wp.array2d[wp.vec3],
+    schur: wp.array2d[float],
     w: int,
     n: int,
     m: int,
@@ -156,6 +198,7 @@ def solve_newton(rigid: Rigid, worlds: Worlds, system: System):
         system.corner,
         system.corner_load,
         worlds.d,
+        system.schur,
         w,
         3 * system.nodes,
         6 * rigid.bodies,

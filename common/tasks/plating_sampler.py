@@ -16,7 +16,13 @@ Settler = Callable[[Plate, Sequence[Box]], tuple[Box, ...]]
 """Lets boxes fall on a plate and returns them at rest; raises `ModelError` where they do not come to rest."""
 
 ITEM_KINDS = ("steak", "ellipse", "irregular", "t_bone", "medallion")
+MORE_KINDS = ("slice",)
+"""Outlines that are drawn only where they are asked for: a piece of half the size."""
+
 LAYOUTS = ("heap", "side_heap", "small_heaps", "scattered")
+MORE_LAYOUTS = ("lone_heap",)
+"""Layouts that are drawn only where they are asked for: 2 to 4 fries at the flat's edge, the plate bare beside them."""
+
 PLACES = {"anywhere": 0.25, "heap_edge": 0.40, "rim": 0.25, "bare": 0.10}
 """Where actions are drawn -> share of the actions."""
 
@@ -37,7 +43,7 @@ def sample_item(rng: np.random.Generator, grid: Grid, *, kind: str | None = None
     Args:
         rng: Source of randomness.
         grid: The grid to draw on.
-        kind: One of `ITEM_KINDS`; None draws it.
+        kind: One of `ITEM_KINDS`, which None draws from, or of `MORE_KINDS`.
         rigid: Whether it is one rigid body; None draws it.
     """
     kind = str(rng.choice(ITEM_KINDS)) if kind is None else kind
@@ -55,14 +61,14 @@ def sample_item(rng: np.random.Generator, grid: Grid, *, kind: str | None = None
 
 
 def sample_fries(rng: np.random.Generator, plate: Plate, *, layout: str) -> tuple[Box, ...]:
-    """Draw 4 to 12 level fries of about 1 x 1 x 6 cm that touch neither each other nor the plate.
+    """Draw 2 to 12 level fries of about 1 x 1 x 6 cm that touch neither each other nor the plate.
 
     Each lies 1 mm above the highest thing below it, so that it falls little when it is settled.
 
     Args:
         rng: Source of randomness.
         plate: The plate below.
-        layout: One of `LAYOUTS`.
+        layout: One of `LAYOUTS` or `MORE_LAYOUTS`.
     """
     boxes: list[Box] = []
     for x, y in _sample_places(rng, layout):
@@ -123,17 +129,26 @@ def sample_action(rng: np.random.Generator, state: State, *, place: str | None =
         place = str(rng.choice(list(PLACES), p=list(PLACES.values())))
     if place not in PLACES:
         raise RequestError(f"expected a place of {', '.join(PLACES)}, got {place!r}")
+    action = find_action(rng, state, place=place)
+    if action is not None:
+        return action
     low, high = Plating().bounds(state).T
-    for _ in range(10 * ATTEMPTS):
-        action = _propose_action(rng, state, place)
-        if action is None:
-            break
-        if (action >= low).all() and (action <= high).all() and np.hypot(*action) <= FLAT_RADIUS:
-            return action
     while True:
         action = rng.uniform(low, high)
         if np.hypot(*action) <= FLAT_RADIUS:
             return action
+
+
+def find_action(rng: np.random.Generator, state: State, *, place: str) -> NDArray[np.float64] | None:
+    """Draw an action at a place as in `sample_action`, or return None where the state leaves no such action."""
+    low, high = Plating().bounds(state).T
+    for _ in range(10 * ATTEMPTS):
+        action = _propose_action(rng, state, place)
+        if action is None:
+            return None
+        if (action >= low).all() and (action <= high).all() and np.hypot(*action) <= FLAT_RADIUS:
+            return action
+    return None
 
 
 def _propose_action(rng: np.random.Generator, state: State, place: str) -> NDArray[np.float64] | None:
@@ -189,11 +204,13 @@ def _sample_outline(rng: np.random.Generator, kind: str) -> Outline:
     if kind == "medallion":
         diameter = rng.uniform(0.055, 0.075)
         return Wavy(diameter, diameter * rng.uniform(0.85, 1.0), (rng.uniform(0, 0.04),), (rng.uniform(0, np.pi),))
-    raise RequestError(f"expected an item of {', '.join(ITEM_KINDS)}, got {kind!r}")
+    if kind == "slice":
+        return RoundedRectangle(0.58 * length, 0.55 * width, float(rng.uniform(0.006, 0.015)))
+    raise RequestError(f"expected an item of {', '.join(ITEM_KINDS + MORE_KINDS)}, got {kind!r}")
 
 
 def _sample_places(rng: np.random.Generator, layout: str) -> NDArray[np.float64]:
-    """Draw the centres of 4 to 12 fries ``(N, 2)``, at most 7.5 cm from the plate's centre [m]."""
+    """Draw the centres of 2 to 12 fries ``(N, 2)``, at most 7.5 cm from the plate's centre [m]."""
     if layout == "heap":
         places = _around(rng, _on_disc(rng, 0.0, 0.025), int(rng.integers(6, 13)), 0.022)
     elif layout == "side_heap":
@@ -203,8 +220,10 @@ def _sample_places(rng: np.random.Generator, layout: str) -> NDArray[np.float64]
         places = np.concatenate([_around(rng, _on_disc(rng, 0.035, 0.065), count, 0.008) for count in counts])
     elif layout == "scattered":
         places = np.stack([_on_disc(rng, 0.0, 0.075) for _ in range(rng.integers(4, 10))])
+    elif layout == "lone_heap":
+        places = _around(rng, _on_disc(rng, 0.058, 0.070), int(rng.integers(2, 5)), 0.007)
     else:
-        raise RequestError(f"expected a layout of {', '.join(LAYOUTS)}, got {layout!r}")
+        raise RequestError(f"expected a layout of {', '.join(LAYOUTS + MORE_LAYOUTS)}, got {layout!r}")
     return places * np.minimum(1, 0.075 / np.maximum(np.hypot(*places.T), 1e-9))[:, None]
 
 

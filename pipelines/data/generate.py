@@ -16,7 +16,7 @@ Report = Callable[[Split, int], None]
 """Is told how many samples of a split have come to rest."""
 
 
-def generate(path: Path, plan: DatasetPlan, *, submit: Submit, in_flight: int, report: Report) -> Dataset:
+def generate(path: Path, plan: DatasetPlan, *, submit: Submit, in_flight: Callable[[], int], report: Report) -> Dataset:
     """Make what is missing of a data set, and return it complete.
 
     States are handed out in order. A split is complete when the first of them hold the wanted number of settled
@@ -26,7 +26,7 @@ def generate(path: Path, plan: DatasetPlan, *, submit: Submit, in_flight: int, r
         path: Folder of the data set.
         plan: What it is made from.
         submit: Starts the work on a state.
-        in_flight: States at work at a time.
+        in_flight: Tells how many states should be at work now.
         report: Called whenever a state is there.
 
     Raises:
@@ -40,7 +40,9 @@ def generate(path: Path, plan: DatasetPlan, *, submit: Submit, in_flight: int, r
         return writer.finish()
 
 
-def _make_split(writer: DatasetWriter, split: Split, *, submit: Submit, in_flight: int, report: Report) -> None:
+def _make_split(
+    writer: DatasetWriter, split: Split, *, submit: Submit, in_flight: Callable[[], int], report: Report
+) -> None:
     wanted, per_state = writer.plan.counts[split], writer.plan.actions_per_state
     pending: set[Future[StateSamples]] = set()
     index = 0
@@ -48,7 +50,7 @@ def _make_split(writer: DatasetWriter, split: Split, *, submit: Submit, in_fligh
         while True:
             there = writer.settled(split)
             report(split, min(sum(there.values()), wanted))
-            while len(pending) < in_flight and _expected(there, index, per_state) < wanted:
+            while len(pending) < in_flight() and _expected(there, index, per_state) < wanted:
                 if index not in there:
                     pending.add(submit(split, index))
                 index += 1

@@ -1,6 +1,6 @@
 """What a data set is drawn from: presets of states and actions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,15 +15,24 @@ from common.tasks.plating_items import RoundedRectangle, draw_item
 from common.tasks.plating_sampler import (
     ITEM_KINDS,
     LAYOUTS,
-    PLACES,
     RIGID_SHARE,
     Settler,
+    find_action,
     sample_action,
     sample_item,
     sample_scene,
 )
 
-NARROW_OUTLINE = RoundedRectangle(0.13, 0.085, 0.025)
+WIDE_KINDS = dict.fromkeys(ITEM_KINDS, 0.12) | {"medallion": 0.22, "slice": 0.30}
+"""The item's outline -> its share; the small ones leave room for bare plate beside the fries."""
+
+LAYOUT_SHARES = dict.fromkeys(LAYOUTS, 0.18) | {"lone_heap": 0.28}
+"""How the fries lie -> its share."""
+
+PLACE_SHARES = {"anywhere": 0.22, "heap_edge": 0.32, "rim": 0.18, "bare": 0.28}
+"""What an action aims at -> its share."""
+
+NARROW_OUTLINE = RoundedRectangle(0.12, 0.08, 0.025)
 NARROW_THICKNESS = 0.018
 NARROW_MATERIAL = Material(1050.0, 3e4, 0.4)
 
@@ -38,7 +47,7 @@ class DrawnItem:
 
 def draw_wide(rng: np.random.Generator, grid: Grid) -> DrawnItem:
     """Draw an item of any outline, thickness and material."""
-    kind = str(rng.choice(ITEM_KINDS))
+    kind = _draw(rng, WIDE_KINDS)
     return DrawnItem(kind, sample_item(rng, grid, kind=kind, rigid=bool(rng.random() < RIGID_SHARE)))
 
 
@@ -63,7 +72,7 @@ class DrawnState:
 
 def draw_layout(rng: np.random.Generator) -> str:
     """Draw how the fries lie."""
-    return str(rng.choice(LAYOUTS))
+    return _draw(rng, LAYOUT_SHARES)
 
 
 def draw_state(rng: np.random.Generator, grid: Grid, *, preset: str, layout: str, settle: Settler) -> DrawnState:
@@ -83,11 +92,18 @@ def draw_state(rng: np.random.Generator, grid: Grid, *, preset: str, layout: str
 def draw_action(rng: np.random.Generator, state: State) -> tuple[str, NDArray[np.float64]]:
     """Draw what an action aims at, and the action ``(2,)`` [m].
 
-    The sampler puts cells over cells at a heap's edge; half a cell of noise makes every fraction of a cell as likely.
+    Where the state leaves no action at the place that was drawn, it is ``anywhere``. At a heap's edge the sampler puts
+    cells over cells; half a cell of noise makes every fraction of a cell as likely.
     """
-    place = str(rng.choice(list(PLACES), p=list(PLACES.values())))
-    action = sample_action(rng, state, place=place)
+    place = _draw(rng, PLACE_SHARES)
+    action = find_action(rng, state, place=place)
+    if action is None:
+        place, action = "anywhere", sample_action(rng, state, place="anywhere")
     moved = action + rng.uniform(-0.5, 0.5, 2) * state.grid.cell
     low, high = Plating().bounds(state).T
     inside = (moved >= low).all() and (moved <= high).all() and np.hypot(*moved) <= FLAT_RADIUS
     return place, moved if inside else action
+
+
+def _draw(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
+    return str(rng.choice(list(shares), p=list(shares.values())))

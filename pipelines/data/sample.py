@@ -3,8 +3,9 @@
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
-from common.domain.errors import ModelError, RequestError
+from common.domain.errors import ModelError, RequestError, UnavailableError
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
 from common.storage.dataset_card import SPLITS, DatasetPlan, Split
@@ -24,6 +25,9 @@ def make_state(plan: DatasetPlan, split: Split, index: int, *, settle: Settler, 
         index: Number of the state.
         settle: Lets fries fall and come to rest.
         model: The trusted model.
+
+    Raises:
+        UnavailableError: Nobody serves the model, or one of its workers has another version.
     """
     began = time.perf_counter()
     seed = (plan.seed, SPLITS.index(split), index)
@@ -50,9 +54,14 @@ def make_state(plan: DatasetPlan, split: Split, index: int, *, settle: Settler, 
     )
 
 
-def _simulate(model: PredictiveModel, state: State, action: np.ndarray) -> tuple[np.ndarray, str]:
+def _simulate(model: PredictiveModel, state: State, action: NDArray[np.float64]) -> tuple[NDArray[np.float32], str]:
     try:
         prediction = model.predict(state, action[None])
     except (ModelError, RequestError) as error:
         return np.full(state.grid.shape, np.nan, dtype=np.float32), f"{error.code}: {error}"
+    if prediction.version != model.version:
+        raise UnavailableError(
+            f"expected {model.name} {model.version} for the whole data set, got {prediction.version} "
+            f"from {prediction.instance}"
+        )
     return prediction.heights[0], prediction.warnings[0]

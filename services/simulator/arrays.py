@@ -76,6 +76,7 @@ class Solid:
     stiffness: wp.array2d[wp.mat33]  # (E, 64)
     mass: wp.array[float]  # (N,)
     pinned: wp.array[float]  # (N,) 1 for nodes that are held
+    first_sample: wp.array[int]  # (E + 1,) samples are sorted by hexahedron
     patch: wp.array[int]  # (S,) hexahedron of each sample
     kind: wp.array[int]  # (S,)
     normal_stiffness: wp.array[float]  # (S,)
@@ -100,7 +101,7 @@ class Rigid:
     radius: wp.array[float]  # (T,)
     kind: wp.array[int]  # (T,)
     normal_stiffness: wp.array[float]  # (T,)
-    patch: wp.array[int]  # (T,)
+    first_sample: wp.array[int]  # (P + 1,) samples are sorted by patch
     patch_body: wp.array[int]  # (P,)
     patch_centre: wp.array[wp.vec3]  # (P,)
     patch_radius: wp.array[float]  # (P,)

@@ -161,19 +161,22 @@ def add_border(solid: Solid, system: System, w: int, s: int, body: int, arm: wp.
                 wp.atomic_add(system.bordered, w, start + 3 + c, weight * turned[r, c])
 
 
-@wp.kernel(module=MODULE)
-def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds, system: System, tangent: bool):
-    """Add what the soft item's samples feel, and what the boxes feel of them: forces or, if asked, the tangent."""
-    w, s = wp.tid()
-    phase = worlds.phase[w]
-    if tangent:
-        if phase != DIRECTION:
-            return
-    elif phase != START and phase != TRIAL:
-        return
+@wp.func(module=MODULE)
+def touch_soft_sample(
+    laws: Laws,
+    plate: Plates,
+    solid: Solid,
+    rigid: Rigid,
+    worlds: Worlds,
+    system: System,
+    tangent: bool,
+    w: int,
+    s: int,
+    near: int,
+):
+    """Add what one sample of the soft item feels, and what the boxes feel of it."""
     kind = solid.kind[s]
-    near = worlds.near[w, solid.patch[s]]
-    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+    if near == 0 and kind != FEELS_TRAY:
         return
     touched = int(0)
     if tangent:  # the forces at this point have been computed
@@ -228,19 +231,21 @@ def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Wo
         worlds.touched[w, s] = touched
 
 
-@wp.kernel(module=MODULE)
-def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system: System, tangent: bool):
-    """Add what the rigid bodies' samples feel, and what the boxes feel of them: forces or, if asked, the tangent."""
-    w, t = wp.tid()
-    phase = worlds.phase[w]
-    if tangent:
-        if phase != DIRECTION:
-            return
-    elif phase != START and phase != TRIAL:
-        return
+@wp.func(module=MODULE)
+def touch_rigid_sample(
+    laws: Laws,
+    plate: Plates,
+    rigid: Rigid,
+    worlds: Worlds,
+    system: System,
+    tangent: bool,
+    w: int,
+    t: int,
+    near: int,
+):
+    """Add what one sample of a rigid body feels, and what the boxes feel of it."""
     kind = rigid.kind[t]
-    near = worlds.near[w, rigid.patch[t]]
-    if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
+    if near == 0 and kind != FEELS_TRAY:
         return
     touched = int(0)
     if tangent:  # the forces at this point have been computed
@@ -305,3 +310,39 @@ def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system:
         box += 1
     if not tangent:
         worlds.body_touched[w, t] = touched
+
+
+@wp.func(module=MODULE)
+def is_wanted(phase: int, tangent: bool):
+    """Tell whether forces, or the tangent, are evaluated in this phase."""
+    if tangent:
+        return phase == DIRECTION
+    return phase == START or phase == TRIAL
+
+
+@wp.kernel(module=MODULE)
+def touch_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds, system: System, tangent: bool):
+    """Add what the soft item's samples feel, and what the boxes feel of them: forces or, if asked, the tangent.
+
+    One thread takes all samples of a hexahedron: on a CPU most of the time of an idle thread goes into its start.
+    """
+    w, e = wp.tid()
+    if is_wanted(worlds.phase[w], tangent):
+        near = worlds.near[w, e]
+        if near != 0 or worlds.tray_on[w] == 1:
+            for s in range(solid.first_sample[e], solid.first_sample[e + 1]):
+                touch_soft_sample(laws, plate, solid, rigid, worlds, system, tangent, w, s, near)
+
+
+@wp.kernel(module=MODULE)
+def touch_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, system: System, tangent: bool):
+    """Add what the rigid bodies' samples feel, and what the boxes feel of them: forces or, if asked, the tangent.
+
+    One thread takes all samples of a patch.
+    """
+    w, patch = wp.tid()
+    if is_wanted(worlds.phase[w], tangent):
+        near = worlds.near[w, rigid.first_patch + patch]
+        if near != 0 or worlds.tray_on[w] == 1:
+            for t in range(rigid.first_sample[patch], rigid.first_sample[patch + 1]):
+                touch_rigid_sample(laws, plate, rigid, worlds, system, tangent, w, t, near)

@@ -23,28 +23,32 @@ from services.simulator.contact import FEELS_PLATE, FEELS_TRAY, clipped_stretch,
 from services.simulator.device import MODULE
 from services.simulator.surfaces import box_distance, plate_distance
 
-MARGIN = wp.constant(0.006)
-"""What is this much beyond touching counts as near for the length of one step [m]."""
+WIDEST_MARGIN = wp.constant(0.006)
+SMALLEST_MARGIN = wp.constant(0.002)
+"""What is this much beyond touching counts as near for the length of one step, more the more the last one moved [m]."""
 
 
 @wp.func(module=MODULE)
 def obstacles_near(plate: Plates, rigid: Rigid, worlds: Worlds, w: int, centre: wp.vec3, radius: float, own: int):
     """Return the bit set of boxes that a sphere may touch in the next step, ``own`` left out, and `NEAR_PLATE`."""
     near = int(0)
+    margin = wp.min(WIDEST_MARGIN, SMALLEST_MARGIN + 2.0 * worlds.moved[w])
+    if worlds.fresh[w] == 1:
+        margin = WIDEST_MARGIN
     r = wp.sqrt(centre[0] * centre[0] + centre[1] * centre[1])
     last = plate.ceiling.shape[0] - 1
     inner = wp.min(int(wp.max(r - radius, 0.0) / plate.bin), last)
     outer = wp.min(int((r + radius) / plate.bin), last)
     for ring in range(inner, outer + 1):
-        if centre[2] - radius - MARGIN < plate.ceiling[ring]:
+        if centre[2] - radius - margin < plate.ceiling[ring]:
             near = NEAR_PLATE
     for box in range(rigid.boxes):
         body = rigid.first_box + box
         if body != own:
             offset = centre - worlds.p[w, body]
-            if wp.length(offset) < rigid.reach[body] + radius + MARGIN:
+            if wp.length(offset) < rigid.reach[body] + radius + margin:
                 surface = box_distance(rigid.core[body], wp.quat_rotate_inv(worlds.q[w, body], offset))
-                if surface[3] < radius + MARGIN:
+                if surface[3] < radius + margin:
                     near = near | (1 << box)
     return near
 
@@ -78,15 +82,13 @@ def find_near_rigid(plate: Plates, rigid: Rigid, worlds: Worlds):
     worlds.near[w, slot] = obstacles_near(plate, rigid, worlds, w, centre, rigid.patch_radius[patch], own)
 
 
-@wp.kernel(module=MODULE)
-def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds):
-    """Set the anchors of the soft item's samples for the next step, and weigh what the tray still carries."""
-    w, s = wp.tid()
-    if worlds.phase[w] != ENDED:
-        return
+@wp.func(module=MODULE)
+def remember_soft_sample(
+    laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds, w: int, s: int, near: int, was_near: int
+):
+    """Set the anchors of one sample of the soft item, and weigh what the tray still carries of it."""
     kind = solid.kind[s]
-    near = worlds.near[w, solid.patch[s]]
-    was_near = worlds.was_near[w, solid.patch[s]]
+    touched = worlds.touched[w, s] & was_near
     if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
         return
     point = node_mix(solid, worlds, w, s)
@@ -94,7 +96,7 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
     fresh = worlds.fresh[w]
     if kind <= FEELS_PLATE and near & NEAR_PLATE != 0:
         stretch = wp.vec3()
-        if was_near & NEAR_PLATE != 0:
+        if touched & NEAR_PLATE != 0:
             surface = plate_distance(plate, point)
             n = wp.vec3(surface[0], surface[1], surface[2])
             stretch = clipped_stretch(laws, k, surface[3], n, point - worlds.anchor[w, s, PLATE])
@@ -112,7 +114,7 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
             body = rigid.first_box + box
             local = wp.quat_rotate_inv(worlds.q[w, body], point - worlds.p[w, body])
             stretch = wp.vec3()
-            if (was_near >> box) & 1 == 1:
+            if (touched >> box) & 1 == 1:
                 surface = box_distance(rigid.core[body], local)
                 n = wp.vec3(surface[0], surface[1], surface[2])
                 stretch = clipped_stretch(laws, k, surface[3], n, local - worlds.anchor[w, s, FIRST_BOX + box])
@@ -121,19 +123,17 @@ def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds:
         box += 1
 
 
-@wp.kernel(module=MODULE)
-def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
-    """Set touching points and anchors of the rigid bodies' samples for the next step.
+@wp.func(module=MODULE)
+def remember_rigid_sample(
+    laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds, w: int, t: int, near: int, was_near: int
+):
+    """Set touching points and anchors of one sample of a rigid body.
 
     A rounded edge that rolls touches elsewhere than before: the touching point is chosen anew, the spring keeps its
     length.
     """
-    w, t = wp.tid()
-    if worlds.phase[w] != ENDED:
-        return
     kind = rigid.kind[t]
-    near = worlds.near[w, rigid.patch[t]]
-    was_near = worlds.was_near[w, rigid.patch[t]]
+    touched = worlds.body_touched[w, t] & was_near
     if near == 0 and (kind != FEELS_TRAY or worlds.tray_on[w] == 0):
         return
     own = rigid.body[t]
@@ -147,7 +147,7 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
         surface = plate_distance(plate, centre)
         n = wp.vec3(surface[0], surface[1], surface[2])
         stretch = wp.vec3()
-        if was_near & NEAR_PLATE != 0:
+        if touched & NEAR_PLATE != 0:
             old = origin + wp.quat_rotate(orientation, worlds.grip[w, t, PLATE])
             stretch = clipped_stretch(laws, k, surface[3] - radius, n, old - worlds.body_anchor[w, t, PLATE])
         touching = centre - radius * n
@@ -175,7 +175,7 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
             surface = box_distance(rigid.core[body], local)
             n = wp.vec3(surface[0], surface[1], surface[2])
             stretch = wp.vec3()
-            if (was_near >> box) & 1 == 1:
+            if (touched >> box) & 1 == 1:
                 old = origin + wp.quat_rotate(orientation, worlds.grip[w, t, FIRST_BOX + box]) - worlds.p[w, body]
                 stretch = clipped_stretch(
                     laws,
@@ -191,3 +191,26 @@ def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
             worlds.body_anchor[w, t, FIRST_BOX + box] = touching - stretch
         near = near >> 1
         box += 1
+
+
+@wp.kernel(module=MODULE)
+def remember_soft(laws: Laws, plate: Plates, solid: Solid, rigid: Rigid, worlds: Worlds):
+    """Set the anchors of the soft item's samples for the next step, and weigh what the tray still carries."""
+    w, e = wp.tid()
+    if worlds.phase[w] == ENDED:
+        near = worlds.near[w, e]
+        if near != 0 or worlds.tray_on[w] == 1:
+            for s in range(solid.first_sample[e], solid.first_sample[e + 1]):
+                remember_soft_sample(laws, plate, solid, rigid, worlds, w, s, near, worlds.was_near[w, e])
+
+
+@wp.kernel(module=MODULE)
+def remember_rigid(laws: Laws, plate: Plates, rigid: Rigid, worlds: Worlds):
+    """Set touching points and anchors of the rigid bodies' samples for the next step."""
+    w, patch = wp.tid()
+    if worlds.phase[w] == ENDED:
+        slot = rigid.first_patch + patch
+        near = worlds.near[w, slot]
+        if near != 0 or worlds.tray_on[w] == 1:
+            for t in range(rigid.first_sample[patch], rigid.first_sample[patch + 1]):
+                remember_rigid_sample(laws, plate, rigid, worlds, w, t, near, worlds.was_near[w, slot])

@@ -84,8 +84,6 @@ class Simulation:
         self.worlds = self._allocate(len(mesh.cells) if mesh else 0, len(samples.points) if samples else 0)
         self.system = self._allocate_system(mesh)
         self._cells = len(mesh.cells) if mesh else 0
-        self._samples = len(samples.points) if samples else 0
-        self._points = sum(len(body.samples.points) for body in bodies)
         self._patches = self.rigid.patch_body.shape[0] if bodies else 0
         self._launches = self._record(self.laws)
 
@@ -117,7 +115,23 @@ class Simulation:
         for array in (worlds.q0, worlds.qb, worlds.q):
             if self.bodies:
                 array.assign(orientations.astype(np.float32))
-        for name in ("v", "f", "d", "pv", "qv", "pf", "qf", "pd", "qd", "near", "was_near", "time", "calm", "moved"):
+        for name in (
+            "v",
+            "f",
+            "d",
+            "pv",
+            "qv",
+            "pf",
+            "qf",
+            "pd",
+            "qd",
+            "near",
+            "touched",
+            "body_touched",
+            "time",
+            "calm",
+            "moved",
+        ):
             getattr(worlds, name).zero_()
         for name in ("anchor", "grip", "body_anchor", "iteration", "trials", "tray_load", "idle", "converged"):
             getattr(worlds, name).zero_()
@@ -238,26 +252,26 @@ class Simulation:
         """Record one tick: end steps, evaluate forces, judge, find new directions, move to trial points."""
         plate, solid, rigid, worlds, system = self.plate, self.solid, self.rigid, self.worlds, self.system
         nodes, bodies = self.nodes, self.bodies
-        cells, samples, points, patches = self._cells, self._samples, self._points, self._patches
+        cells, patches = self._cells, self._patches
         tick = (
             (memory.find_near_soft, cells, (plate, solid, rigid, worlds)),
             (memory.find_near_rigid, patches, (plate, rigid, worlds)),
-            (memory.remember_soft, samples, (laws, plate, solid, rigid, worlds)),
-            (memory.remember_rigid, points, (laws, plate, rigid, worlds)),
+            (memory.remember_soft, cells, (laws, plate, solid, rigid, worlds)),
+            (memory.remember_rigid, patches, (laws, plate, rigid, worlds)),
             (stepping.next_step, None, (laws, worlds)),
             (stepping.begin_nodes, nodes, (laws, solid, worlds)),
             (stepping.begin_bodies, bodies, (laws, rigid, worlds)),
             (elements.add_elastic_forces, cells, (solid, worlds)),
-            (contact.touch_soft, samples, (laws, plate, solid, rigid, worlds, system, False)),
-            (contact.touch_rigid, points, (laws, plate, rigid, worlds, system, False)),
+            (contact.touch_soft, cells, (laws, plate, solid, rigid, worlds, system, False)),
+            (contact.touch_rigid, patches, (laws, plate, rigid, worlds, system, False)),
             (stepping.judge, None, (laws, rigid, worlds)),
             (stepping.accept_nodes, nodes, (worlds,)),
             (stepping.accept_bodies, bodies, (worlds,)),
             (stepping.begin_system, nodes, (solid, worlds, system)),
             (stepping.begin_corner, bodies, (rigid, worlds, system)),
             (elements.add_elastic_tangent, cells, (solid, worlds, system)),
-            (contact.touch_soft, samples, (laws, plate, solid, rigid, worlds, system, True)),
-            (contact.touch_rigid, points, (laws, plate, rigid, worlds, system, True)),
+            (contact.touch_soft, cells, (laws, plate, solid, rigid, worlds, system, True)),
+            (contact.touch_rigid, patches, (laws, plate, rigid, worlds, system, True)),
             (solve_newton, None, (rigid, worlds, system)),
             (stepping.aim, None, (rigid, worlds)),
             (stepping.try_nodes, nodes, (worlds,)),

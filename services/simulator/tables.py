@@ -54,6 +54,7 @@ def solid_of(mesh: Mesh | None, samples: Samples | None, pinned: NDArray[np.bool
             ("stiffness", wp.mat33, 2),
             ("mass", float, 1),
             ("pinned", float, 1),
+            ("first_sample", int, 1),
             ("patch", int, 1),
             ("kind", int, 1),
             ("normal_stiffness", float, 1),
@@ -73,6 +74,7 @@ def solid_of(mesh: Mesh | None, samples: Samples | None, pinned: NDArray[np.bool
     solid.mass = upload(mesh.masses, float, device)
     solid.pinned = upload(np.zeros(len(mesh.positions)) if pinned is None else pinned.astype(float), float, device)
     solid.patch = upload(patch, int, device)
+    solid.first_sample = upload(np.searchsorted(patch, np.arange(len(mesh.cells) + 1)), int, device)
     solid.kind = upload(samples.kind, int, device)
     solid.normal_stiffness = upload(samples.stiffness, float, device)
     solid.corners = upload(np.where((weights[:, 4:] == 0).all(axis=1), 4, 8), int, device)
@@ -103,8 +105,8 @@ def rigid_of(bodies: Sequence[Body], rigid_item: bool, first_patch: int, device:
     rigid.radius = upload(joined([part.radius for part in samples]), float, device)
     rigid.kind = upload(joined([part.kind for part in samples]), int, device)
     rigid.normal_stiffness = upload(joined([part.stiffness for part in samples]), float, device)
-    numbered = [part.patch + first_patch + start for part, start in zip(samples, patches, strict=False)]
-    rigid.patch = upload(joined(numbered), int, device)
+    numbered = joined([part.patch + start for part, start in zip(samples, patches, strict=False)])
+    rigid.first_sample = upload(np.searchsorted(numbered, np.arange(patches[-1] + 1)), int, device)
     rigid.patch_body = upload(owner, int, device)
     rigid.patch_centre = upload(centre, wp.vec3, device)
     rigid.patch_radius = upload(radius, float, device)

@@ -14,7 +14,7 @@ unsymmetric part, by which friction follows the normal force, is left out.
 """
 
 # float(0.0) declares a variable that a loop may change, 0.0 a constant, and there is no `in`.
-# ruff: noqa: UP018, RUF046
+# ruff: noqa: UP018, RUF046, SIM109
 
 import warp as wp
 

@@ -35,7 +35,7 @@ class SimulatorModel(PredictiveModel):
     """
 
     name = "simulator"
-    version = "1"
+    version = "2"
 
     def __init__(self, *, settings: Settings = LEVELS["default"], device: str = "cpu", name: str = "simulator") -> None:
         self.settings = settings

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.domain.bodies import ROUNDING
 from services.simulator.perception_boxes import LENGTH, WIDTH, Array, axes, close_to, soft_tops
 
 STEPS = np.array([2e-4, 2e-4, 2e-4, 5e-3, 5e-3, 5e-3, 3e-4, 3e-4])
@@ -13,8 +14,8 @@ PRIOR_WIDTH = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 0.15, 0.008, 0.0007
 PRIOR_WEIGHT = 0.5
 MARGIN = 0.011
 """How far around a first guess the cells are looked at [m]."""
-INSIDE = 2e-3
-"""Distance from the edges at which a cell surely shows the plane of the upper face [m]."""
+INSIDE = 0.6
+"""Distance from the rounding at which a cell surely shows nothing but the plane of the upper face [cells]."""
 FEWEST_CELLS = 10
 PLANE_NOISE = 2e-4
 """Noise of such a cell, against which the priors are weighed [m]."""
@@ -105,9 +106,9 @@ def level_boxes(boxes: Array, view: View) -> Array:
 
     Cells off the plane, hidden by another box, are left out step by step; a box with too few cells stays as it is.
     """
-    levelled = boxes.copy()
+    levelled, margin = boxes.copy(), ROUNDING + INSIDE * view.cell
     for box in levelled:
-        inside = close_to(box, view.points, margin=-INSIDE - np.abs(box[4:6]).max() * box[7])
+        inside = close_to(box, view.points, margin=-margin - np.abs(box[4:6]).max() * box[7])
         offset, heights = view.points[inside] - box[:2], view.heights[inside]
         cos, sin = np.cos(box[3]), np.sin(box[3])
         design = np.column_stack([np.ones(len(offset)), offset @ (cos, sin), offset @ (-sin, cos)])

@@ -18,7 +18,9 @@ SIMPLIFICATION = 3e-5
 
 
 def fit_plate(scene: Scene) -> Plate:
-    """Fit the plate's profile to the bare cells, whose material mask is 0 and whose neighbours' are, and extend it under the fries.
+    """Fit the plate's profile to the bare cells, and extend it under the fries.
+
+    Bare is a cell whose material mask and whose neighbours' masks are 0: a cell beside a fry shows some of it.
 
     The heights are sorted by radius, smoothed by a running median (which keeps walls steep and ignores outliers), and
     simplified to a polyline. Radii of which nothing is bare are interpolated; the centre is level.
@@ -26,7 +28,7 @@ def fit_plate(scene: Scene) -> Plate:
     Raises:
         ModelError: Too little of the plate is bare, or the bare cells are not a surface of revolution.
     """
-    bare = ~binary_dilation(scene.materials[0] > 0, np.ones((3, 3)))  # cells beside a fry show some of it
+    bare = np.logical_not(binary_dilation(scene.materials[0] > 0, np.ones((3, 3))))
     if bare.sum() < FEWEST_CELLS:
         raise ModelError(f"expected at least {FEWEST_CELLS} cells of bare plate to find the plate, got {bare.sum()}")
     cell_radii = np.hypot(scene.grid.x[None, :], scene.grid.y[:, None])[bare]

@@ -106,7 +106,8 @@ SOLVE = """
                 const float factor = source[p][s];
                 for (int d = 0; d < reach - s + PANEL; d += LANES)
                     *(vec*)(target + d) -= factor * *(const vec*)(source[p] + s + d);
-                for (int c = band; c < end; c += LANES) *(vec*)(target + c) -= factor * *(const vec*)(source[p] + p + c);
+                for (int c = band; c < end; c += LANES)
+                    *(vec*)(target + c) -= factor * *(const vec*)(source[p] + p + c);
             }
         }
         for (int a = 0; coupled && a < width; ++a) {

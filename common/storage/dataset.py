@@ -84,6 +84,21 @@ class Dataset:
         card = DatasetCard.read(path / "card.json")
         return cls(path, card, {split: _read_records(path / split / "states.jsonl", card, split) for split in SPLITS})
 
+    def fix_deviation_scale(self, scale_m: float) -> None:
+        """Write on the card which deviation estimates call 1 [m], once and for all.
+
+        Raises:
+            RequestError: It is not positive, or the card has another one already.
+        """
+        if not 0 < scale_m < np.inf:
+            raise RequestError(f"expected a deviation scale above 0, got {scale_m}")
+        if self.card.deviation_scale_m not in (None, scale_m):
+            raise RequestError(
+                f"{self.path}: expected to keep the deviation scale of {self.card.deviation_scale_m} m, got {scale_m} m"
+            )
+        self.card = self.card.model_copy(update={"deviation_scale_m": float(scale_m)})
+        self.card.write(self.path / "card.json")
+
     def samples(self, split: Split, *, include_failed: bool = False) -> Samples:
         """Read all samples of a split.
 

@@ -13,6 +13,7 @@ import click
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from services.cli.asking import say
+from services.cli.data_import import import_depth
 
 if TYPE_CHECKING:
     from common.storage.dataset_card import DatasetPlan, Split
@@ -183,3 +184,6 @@ def show(*, name: str, folder: Path, split: "Split", count: int, out: Path | Non
 
         draw_dataset(dataset, split, count=count).savefig(out, dpi=110)
         say(f"drawn in {out}")
+
+
+data.add_command(import_depth)

@@ -60,14 +60,15 @@ def heuristic(*, instance: str, task: str) -> None:
 @TASK
 @click.option("--level", type=click.Choice(list(LEVELS)), default="default", show_default=True, help="Resolution.")
 @click.option("--device", default="cpu", show_default=True, help="Warp's name of the device.")
-def simulator(*, instance: str, task: str, level: str, device: str) -> None:
+@click.option("--threads", default=1, show_default=True, help="Actions of one batch simulated at the same time.")
+def simulator(*, instance: str, task: str, level: str, device: str, threads: int) -> None:
     """Serve the simulator; its kernels are compiled before it joins.
 
     At a level other than ``default`` it is a model of its own: simulator_coarse, simulator_fine.
     """
     from services.simulator.model import SimulatorModel
 
-    served = SimulatorModel.at_level(level, device=device)
+    served = SimulatorModel.at_level(level, device=device, threads=threads)
     served.warm()
     _serve_model(served, instance=instance, task=task, device=device)
 

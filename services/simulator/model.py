@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections import OrderedDict
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +20,7 @@ from common.domain.scene import State
 from services.simulator.settings import LEVELS, Settings
 
 if TYPE_CHECKING:
-    from services.simulator.placement import Placement
+    from services.simulator.placement import Placed, Placement
 
 STATES = 8
 """States whose meshes and arrays are kept."""
@@ -31,21 +34,30 @@ class SimulatorModel(PredictiveModel):
     Args:
         settings: Resolution and laws, by default `LEVELS`' ``default``.
         device: Warp's name of the device.
+        threads: Actions of one batch that are simulated at the same time on a CPU; they share nothing but the state.
         name: What it is called; a level other than ``default`` is a model of its own, see `at_level`.
     """
 
     name = "simulator"
     version = "2"
 
-    def __init__(self, *, settings: Settings = LEVELS["default"], device: str = "cpu", name: str = "simulator") -> None:
+    def __init__(
+        self,
+        *,
+        settings: Settings = LEVELS["default"],
+        device: str = "cpu",
+        threads: int = 1,
+        name: str = "simulator",
+    ) -> None:
         self.settings = settings
         self.device = device
+        self.threads = threads
         self.name = name
-        self._placements: OrderedDict[str, Placement] = OrderedDict()
+        self._placements: OrderedDict[str, list[Placement]] = OrderedDict()
         self._turn = threading.Lock()
 
     @classmethod
-    def at_level(cls, level: str, *, device: str = "cpu") -> SimulatorModel:
+    def at_level(cls, level: str, *, device: str = "cpu", threads: int = 1) -> SimulatorModel:
         """Return the simulator at one of `LEVELS`: ``simulator`` at ``default``, else ``simulator_<level>``.
 
         Raises:
@@ -54,7 +66,7 @@ class SimulatorModel(PredictiveModel):
         if level not in LEVELS:
             raise RequestError(f"expected a level of {', '.join(LEVELS)}, got {level!r}")
         name = cls.name if level == "default" else f"{cls.name}_{level}"
-        return cls(settings=LEVELS[level], device=device, name=name)
+        return cls(settings=LEVELS[level], device=device, threads=threads, name=name)
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the settled heightmaps ``(B, H, W)`` [m]; a warning says if a placement did not come to rest.
@@ -64,33 +76,45 @@ class SimulatorModel(PredictiveModel):
             ModelError: The scene's bodies were not found, or do not come to rest.
         """
         with self._turn:
-            return self._outcomes(self.placement(state), actions)
-
-    def _outcomes(self, placement: Placement, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
-        heights: list[NDArray[np.float32]] = []
-        warnings: list[str] = []
-        for start in range(0, len(actions), placement.count):
-            placed = placement.run(actions[start : start + placement.count])
-            heights.append(placed.heights)
-            warnings += [
-                "" if settled else f"not_settled: {1e3 * speed:.1f} mm/s after {time:.2f} s"
-                for settled, speed, time in zip(placed.settled, placed.speed, placed.time, strict=True)
-            ]
-        return np.concatenate(heights), tuple(warnings)
+            worlds = self._worlds
+            parts = [actions[start : start + worlds] for start in range(0, len(actions), worlds)]
+            placements = self._prepared(state, count=min(self.threads, len(parts)))
+            if len(placements) == 1:
+                placed = [placements[0].run(part) for part in parts]
+            else:
+                placed = _run_in_threads(placements, parts)
+        warnings = [
+            "" if settled else f"not_settled: {1e3 * speed:.1f} mm/s after {time:.2f} s"
+            for part in placed
+            for settled, speed, time in zip(part.settled, part.speed, part.time, strict=True)
+        ]
+        return np.concatenate([part.heights for part in placed]), tuple(warnings)
 
     def placement(self, state: State) -> Placement:
         """Return what depends on the state alone, made once and kept for the last few states."""
-        if state.digest in self._placements:
-            self._placements.move_to_end(state.digest)
-            return self._placements[state.digest]
+        return self._prepared(state, count=1)[0]
+
+    @property
+    def _worlds(self) -> int:
+        # On a CPU one world at a time keeps its matrices in the cache; launches are cheap there.
+        return 1 if self.device == "cpu" else self.largest_batch
+
+    def _prepared(self, state: State, *, count: int) -> list[Placement]:
+        """Return ``count`` equal placements of a state, one for each thread."""
         from services.simulator.placement import Placement
 
-        # On a CPU one world at a time keeps its matrices in the cache; launches are cheap there.
-        placement = Placement(state, self._bodies(state), settings=self.settings, worlds=1, device=self.device)
-        self._placements[state.digest] = placement
+        kept = self._placements.setdefault(state.digest, [])
+        self._placements.move_to_end(state.digest)
+        try:
+            while len(kept) < count:
+                bodies = Bodies(kept[0].plate, kept[0].boxes) if kept else self._bodies(state)
+                kept.append(Placement(state, bodies, settings=self.settings, worlds=self._worlds, device=self.device))
+        finally:
+            if not kept:
+                del self._placements[state.digest]
         while len(self._placements) > STATES:
             self._placements.popitem(last=False)
-        return placement
+        return kept[:count]
 
     def warm(self) -> None:
         """Compile or load all kernels, so that the first placement does not wait for it."""
@@ -114,3 +138,20 @@ class SimulatorModel(PredictiveModel):
         if known is not None:
             return Bodies(found.plate, known.boxes)
         return Bodies(found.plate, settle_boxes(found.plate, found.boxes, settings=self.settings, device=self.device))
+
+
+def _run_in_threads(placements: Sequence[Placement], parts: Sequence[NDArray[np.float64]]) -> list[Placed]:
+    """Run every part on one of the placements, each thread taking the next part when it is free."""
+    free: queue.SimpleQueue[Placement] = queue.SimpleQueue()
+    for placement in placements:
+        free.put(placement)
+
+    def run(part: NDArray[np.float64]) -> Placed:
+        placement = free.get()
+        try:
+            return placement.run(part)
+        finally:
+            free.put(placement)
+
+    with ThreadPoolExecutor(len(placements)) as pool:
+        return list(pool.map(run, parts))

@@ -83,6 +83,27 @@ def model(*, where: str, instance: str, task: str) -> None:
 
 
 @serve.command()
+@click.option("--model", "estimated", required=True, help="The model whose deviation is estimated.")
+@click.option("--weights", type=click.Path(path_type=Path), help="Folder of its weights [default: the released ones].")
+@INSTANCE
+@TASK
+def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> None:
+    """Serve the MDE of a model; weights that are not what their card says are refused."""
+    from common.wire.run import run_host
+    from common.wire.serve import host_estimator
+    from services.cli.released import released
+    from services.mde.estimator import read_estimator
+
+    served = read_estimator(weights or released(f"mde_{estimated}"), model=estimated, threads=1)
+    sys.exit(
+        run_host(
+            lambda session: host_estimator(session, served, task=task, instance=instance, weights=served.weights),
+            WireSettings(),
+        )
+    )
+
+
+@serve.command()
 @INSTANCE
 @TASK
 def orchestrator(*, instance: str, task: str) -> None:

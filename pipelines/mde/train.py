@@ -1,0 +1,178 @@
+"""Train the networks of one MDE on parts of the data each, and calibrate them on the samples that each did not see."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Generator, Tensor, nn
+
+from common.domain.grid import Grid
+from common.learning.features import SYMMETRIES, transform, transform_actions
+from common.learning.splits import folds, split
+from common.learning.training import Epoch, TrainingSettings, seeded, train
+from pipelines.mde.examples import Examples
+from services.mde.calibration import conformal_factor
+from services.mde.distance import mahalanobis, whitening
+from services.mde.ensemble import Ensemble, RawEstimates
+from services.mde.network import DeviationNetwork, inputs
+from services.mde.variants import VARIANTS
+
+Report = Callable[[int, Epoch], None]
+
+
+TRAINING = TrainingSettings(epochs=60, batch=32, learning_rate=2e-3, weight_decay=0.2, patience=60, threads=1)
+HELD_OUT = 0.15
+"""Share of the states that a single member does not see."""
+
+
+@dataclass(frozen=True)
+class EnsembleSettings:
+    """How an MDE is trained.
+
+    Attributes:
+        variant: Name of the network, see `services.mde.variants`.
+        network: Its sizes, where they are not the default.
+        members: Number of parts of the states; each member is trained without one of them. A single member is
+            trained without `HELD_OUT` of the states.
+        coverage: Share of new samples for which the upper bound is to hold.
+        familiar: Share of held-out samples that count as familiar.
+        training: How each member is trained; its seed is that of the whole.
+    """
+
+    variant: str = "crop"
+    network: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    members: int = 4
+    coverage: float = 0.9
+    familiar: float = 0.99
+    training: TrainingSettings = TRAINING
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained ensemble.
+
+    Attributes:
+        ensemble: The networks.
+        held_out: What it says about its training samples, each by the member that did not see it; NaN where all did.
+        factor: The upper bound is ``median + factor gap``.
+    """
+
+    ensemble: Ensemble
+    held_out: RawEstimates
+    factor: float
+
+
+def train_ensemble(
+    examples: Examples, grid: Grid, settings: EnsembleSettings, *, report: Report = lambda member, epoch: None
+) -> Trained:
+    """Train an ensemble; the same examples and settings give the same weights.
+
+    Args:
+        examples: The training samples.
+        grid: Their grid.
+        settings: How to train.
+        report: Told of every epoch of every member.
+    """
+    samples, seed = examples.samples, settings.training.seed
+    part = _parts(samples.groups, settings.members, seed)
+    with seeded(seed):
+        members = [VARIANTS[settings.variant](grid, **settings.network) for _ in range(settings.members)]
+    data = _Tensors.of(examples, members[0].pooling)
+    ensemble = Ensemble(members)
+    count = len(samples)
+    median, gap, distance = np.full((3, count), np.nan)
+    for index, member in enumerate(members):
+        seen, unseen = np.flatnonzero(part != index), np.flatnonzero(part == index)
+        train(
+            member,
+            data.loss,
+            training=seen,
+            validation=unseen,
+            settings=replace(settings.training, seed=seed * settings.members + index),
+            report=lambda epoch, index=index: report(index, epoch),
+        )
+        descriptions, medians, gaps = data.evaluate(member, np.arange(count))
+        mean, whiten = whitening(descriptions[seen])
+        distances = mahalanobis(descriptions, mean, whiten)
+        ensemble.means[index], ensemble.whitenings[index] = mean, whiten
+        ensemble.limits[index] = torch.quantile(distances[unseen], settings.familiar)
+        median[unseen], gap[unseen] = medians[unseen].numpy(), gaps[unseen].numpy()
+        distance[unseen] = (distances[unseen] / ensemble.limits[index]).numpy()
+    tested = part >= 0
+    factor = conformal_factor(examples.deviations[tested], median[tested], gap[tested], coverage=settings.coverage)
+    return Trained(ensemble, RawEstimates(median, gap, distance), factor)
+
+
+def settings_card(settings: EnsembleSettings) -> dict[str, Any]:
+    """Return the settings as they stand on a card."""
+    return {**asdict(settings), "network": dict(settings.network)}
+
+
+def _parts(groups: NDArray[np.integer], members: int, seed: int) -> NDArray[np.int64]:
+    """Return the member that does not see each sample ``(N,)``, -1 where all do."""
+    if members > 1:
+        return folds(groups, count=members, seed=seed)
+    part = np.full(len(groups), -1)
+    part[split(groups, share=HELD_OUT, seed=seed)[1]] = 0
+    return part
+
+
+@dataclass(frozen=True)
+class _Tensors:
+    """The examples as a network sees them."""
+
+    scene: Tensor
+    item: Tensor
+    actions: NDArray[np.float64]
+    deviations: Tensor
+
+    @classmethod
+    def of(cls, examples: Examples, pooling: int) -> "_Tensors":
+        samples = examples.samples
+        return cls(
+            inputs(samples.scene_heights, samples.scene_materials, pooling),
+            inputs(samples.item_heights, samples.item_materials, pooling),
+            samples.actions,
+            torch.from_numpy(examples.deviations),
+        )
+
+    def loss(self, network: nn.Module, samples: Tensor, generator: Generator | None) -> Tensor:
+        """Return the mean of ``|d - m|`` and the pinball loss of the raw upper bound at 0.9."""
+        assert isinstance(network, DeviationNetwork)
+        scene, item, actions = self.scene[samples], self.item[samples], self.actions[samples.numpy()]
+        if generator is not None and network.symmetric:
+            scene, item, actions = _turned(scene, item, actions, generator)
+        median, gap = network.estimate(network.describe(network.encode(scene, item), actions))
+        truth = self.deviations[samples]
+        error = (truth - median).abs().mean()
+        if not network.bounded:
+            return error
+        above = truth - median.detach() - gap
+        return error + torch.maximum(0.9 * above, -0.1 * above).mean()
+
+    @torch.inference_mode()
+    def evaluate(self, network: DeviationNetwork, samples: NDArray[np.integer]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return descriptions ``(N, F)``, medians and gaps ``(N,)``."""
+        parts = []
+        for chunk in torch.from_numpy(samples).split(64):
+            encoding = network.encode(self.scene[chunk], self.item[chunk])
+            descriptions = network.describe(encoding, self.actions[chunk.numpy()])
+            parts.append((descriptions, *network.estimate(descriptions)))
+        descriptions, medians, gaps = (torch.cat(values) for values in zip(*parts, strict=True))
+        return descriptions, medians, gaps
+
+
+def _turned(
+    scene: Tensor, item: Tensor, actions: NDArray[np.float64], generator: Generator
+) -> tuple[Tensor, Tensor, NDArray[np.float64]]:
+    """Turn and mirror each sample as one of the plate's symmetries, drawn for it."""
+    drawn = torch.randint(SYMMETRIES, (len(scene),), generator=generator)
+    scene, item, actions = torch.empty_like(scene).copy_(scene), torch.empty_like(item).copy_(item), actions.copy()
+    for symmetry in range(SYMMETRIES):
+        chosen = drawn == symmetry
+        scene[chosen], item[chosen] = transform(scene[chosen], symmetry), transform(item[chosen], symmetry)
+        actions[chosen.numpy()] = transform_actions(actions[chosen.numpy()], symmetry)
+    return scene, item, actions

@@ -1,0 +1,160 @@
+"""What is released as one MDE: networks trained on different parts of the data, calibrated together."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from common.domain.errors import ModelError
+from common.learning.weights import WeightsCard, load, read_card
+from services.mde.distance import mahalanobis
+from services.mde.familiarity import Familiarity
+from services.mde.network import DeviationNetwork, Encoding
+from services.mde.variants import VARIANTS
+
+
+@dataclass(frozen=True)
+class RawEstimates:
+    """What an ensemble says before calibration.
+
+    Attributes:
+        median: Mean of the members' medians ``(B,)``.
+        gap: Mean of their distances to the raw upper bound ``(B,)``.
+        distance: Mean of their distances to the training data, 1 at the limit ``(B,)``.
+    """
+
+    median: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    distance: NDArray[np.float64]
+
+
+class Ensemble(nn.Module):
+    """Networks of one variant, each with the mean and the spread of the descriptions that it was trained on.
+
+    Attributes:
+        means: Mean of each member's descriptions ``(K, F)``.
+        whitenings: What makes them white ``(K, F, F)``.
+        limits: Largest familiar distance ``(K,)``.
+        facts: What the estimates rest on besides, float64 ``(5,)``: rows, columns and cell [m] of the grid, the
+            deviation that counts as 1 [m], and the factor of the upper bound ``median + factor gap``.
+
+    Args:
+        members: The networks.
+    """
+
+    means: Tensor
+    whitenings: Tensor
+    limits: Tensor
+    facts: Tensor
+
+    def __init__(self, members: list[DeviationNetwork]) -> None:
+        super().__init__()
+        count, features = len(members), members[0].last.in_features
+        self.members = nn.ModuleList(members)
+        self.register_buffer("means", torch.zeros(count, features))
+        self.register_buffer("whitenings", torch.zeros(count, features, features))
+        self.register_buffer("limits", torch.ones(count))
+        self.register_buffer("facts", torch.zeros(5, dtype=torch.float64))
+
+    @property
+    def networks(self) -> list[DeviationNetwork]:
+        """The members."""
+        return [member for member in self.members if isinstance(member, DeviationNetwork)]
+
+    @torch.inference_mode()
+    def encode(self, scene: Tensor, item: Tensor) -> list[Encoding]:
+        """Return each member's encoding of states, see `DeviationNetwork.encode`."""
+        return [member.encode(scene, item) for member in self.networks]
+
+    @torch.inference_mode()
+    def estimate(self, encodings: list[Encoding], actions: NDArray[np.float64]) -> RawEstimates:
+        """Estimate the deviations for actions ``(B, 2)`` [m]."""
+        medians, gaps, distances = [], [], []
+        for index, (member, encoding) in enumerate(zip(self.networks, encodings, strict=True)):
+            descriptions = member.describe(encoding, actions)
+            median, gap = member.estimate(descriptions)
+            medians.append(median)
+            gaps.append(gap)
+            distances.append(mahalanobis(descriptions, self.means[index], self.whitenings[index]) / self.limits[index])
+        parts = (torch.stack(values).mean(dim=0).double().numpy() for values in (medians, gaps, distances))
+        return RawEstimates(*parts)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """An ensemble with all that its card says.
+
+    Attributes:
+        ensemble: The networks.
+        card: The card.
+        familiarity: What the training data covers.
+    """
+
+    ensemble: Ensemble
+    card: WeightsCard
+    familiarity: Familiarity
+
+    @property
+    def factor(self) -> float:
+        """The upper bound is ``median + factor gap``."""
+        return float(self.ensemble.facts[-1])
+
+
+def build(card: WeightsCard) -> Ensemble:
+    """Return an ensemble with the sizes on a card and no training.
+
+    Raises:
+        ModelError: The card names an unknown architecture, or sizes that it does not have.
+    """
+    if card.architecture not in VARIANTS:
+        raise ModelError(f"{card.name}: expected an architecture of {', '.join(VARIANTS)}, got {card.architecture!r}")
+    try:
+        members, sizes = int(card.settings["members"]), dict(card.settings["network"])
+        sizes = {name: tuple(size) if isinstance(size, list) else size for name, size in sizes.items()}
+        return Ensemble([VARIANTS[card.architecture](card.grid.grid(), **sizes) for _ in range(members)])
+    except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
+        raise ModelError(f"{card.name}: settings: expected those of {card.architecture}, got {error!r:.200}") from None
+
+
+def load_ensemble(folder: Path, *, model: str) -> Calibrated:
+    """Load the MDE of a model.
+
+    Raises:
+        ModelError: The card is of another model or architecture, or lies about weights, grid, scale or calibration.
+    """
+    card = read_card(folder, name=f"mde_{model}")
+    ensemble = build(card)
+    ensemble.load_state_dict(load(folder, ensemble.state_dict(), card=card, grid=card.grid.grid()))
+    ensemble.eval().requires_grad_(False)
+    _check_facts(folder, ensemble, card)
+    try:
+        familiarity = Familiarity.from_statistics(card.grid.grid(), card.statistics)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelError(f"{folder}: statistics: expected what the data covers, got {error!r:.200}") from None
+    return Calibrated(ensemble, card, familiarity)
+
+
+def facts(card: WeightsCard, *, factor: float) -> Tensor:
+    """Return `Ensemble.facts` as a card tells them."""
+    grid, scale = card.grid, card.deviation_scale_m
+    return torch.tensor([grid.rows, grid.columns, grid.cell, scale or math.nan, factor], dtype=torch.float64)
+
+
+def _check_facts(folder: Path, ensemble: Ensemble, card: WeightsCard) -> None:
+    """Raise `ModelError` if a card says something else than the weights do."""
+    rows, columns, cell, scale, factor = ensemble.facts.tolist()
+    if (rows, columns, cell) != (card.grid.rows, card.grid.columns, card.grid.cell):
+        raise ModelError(
+            f"{folder}: grid: expected {rows:g} x {columns:g} cells of {cell:g} m as in the weights, "
+            f"got {card.grid.grid()} on the card"
+        )
+    if scale != card.deviation_scale_m or not scale > 0:
+        raise ModelError(
+            f"{folder}: deviation_scale_m: expected {scale:g} as in the weights, got {card.deviation_scale_m}"
+        )
+    if not math.isfinite(factor):
+        raise ModelError(f"{folder}: expected a finite factor of the upper bound, got {factor}")

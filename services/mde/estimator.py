@@ -1,0 +1,110 @@
+"""The released MDEs as estimators: a network, calibrated, with what its training data covers."""
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from common.domain.deviation import DeviationEstimator, Estimates
+from common.domain.scene import State
+from services.mde.ensemble import Calibrated, load_ensemble
+from services.mde.network import Encoding, inputs
+
+STATES = 32
+"""States whose encodings are kept."""
+
+CHUNK = 64
+"""Actions that are computed together."""
+
+FAR = "action: expected a situation like those of the training data, got one at {:.2f} times the largest distance"
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What depends on the state alone."""
+
+    encodings: list[Encoding]
+    complaint: str
+
+
+class NetworkEstimator(DeviationEstimator):
+    """Estimates by networks; what depends on the state alone is computed once and kept for the last `STATES` states.
+
+    A state of another grid gets the estimate 1; it and every state that differs from the training data, and every
+    action in a situation far from it, is unfamiliar. Safe to use from several threads at once.
+
+    Attributes:
+        weights: SHA-256 of the weights in hex.
+
+    Args:
+        calibrated: The loaded weights.
+    """
+
+    largest_batch = 4096
+
+    def __init__(self, calibrated: Calibrated) -> None:
+        self.model = calibrated.card.name.removeprefix("mde_")
+        self.version = calibrated.card.version
+        self.weights = calibrated.card.sha256
+        self._calibrated = calibrated
+        self._known: OrderedDict[str, _Known] = OrderedDict()
+        self._turn = threading.Lock()
+
+    def deviations(self, state: State, actions: NDArray[np.float64]) -> Estimates:
+        """Return mean and upper bound in [0, 1] for actions ``(B, 2)`` [m]; the mean is the estimated median."""
+        with self._turn:
+            known = self._state(state)
+            if not known.encodings:
+                ones = np.ones(len(actions))
+                return Estimates(ones, ones, ones < 1, known.complaint)
+            parts = [
+                self._calibrated.ensemble.estimate(known.encodings, actions[start : start + CHUNK])
+                for start in range(0, len(actions), CHUNK)
+            ]
+        median = np.concatenate([part.median for part in parts])
+        bound = median + self._calibrated.factor * np.concatenate([part.gap for part in parts])
+        distance = np.concatenate([part.distance for part in parts])
+        mean = np.clip(median, 0, 1)
+        familiar = (distance <= 1) & (not known.complaint)
+        reason = known.complaint or ("" if familiar.all() else FAR.format(distance.max()))
+        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason)
+
+    def _state(self, state: State) -> _Known:
+        if state.digest in self._known:
+            self._known.move_to_end(state.digest)
+            return self._known[state.digest]
+        known = self._look_at(state)
+        self._known[state.digest] = known
+        while len(self._known) > STATES:
+            self._known.popitem(last=False)
+        return known
+
+    def _look_at(self, state: State) -> _Known:
+        complaint = self._calibrated.familiarity.complaint(state)
+        if state.grid != self._calibrated.familiarity.grid:
+            return _Known([], complaint)
+        ensemble = self._calibrated.ensemble
+        pooling = ensemble.networks[0].pooling
+        scene = inputs(state.scene.heights[None], state.scene.materials[None], pooling)
+        item = inputs(state.item.heights[None], state.item.materials[None], pooling)
+        return _Known(ensemble.encode(scene, item), complaint)
+
+
+def read_estimator(folder: Path, *, model: str, threads: int | None = None) -> NetworkEstimator:
+    """Return the MDE of a model from its weights.
+
+    Args:
+        folder: Where its weights and their card are.
+        model: Name of the model.
+        threads: Threads that networks compute with in this process; None leaves them as they are.
+
+    Raises:
+        ModelError: The weights are not those of this MDE, or the card lies about them, see `load_ensemble`.
+    """
+    if threads is not None:
+        torch.set_num_threads(threads)
+    return NetworkEstimator(load_ensemble(folder, model=model))

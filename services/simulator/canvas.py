@@ -37,11 +37,13 @@ class Drawing:
         heights: The topmost surface [m].
         without_item: The same as if the item were not there [m].
         uncovered: Share of each cell that the item does not cover [-].
+        pixels: Where the middle of the top of each of the item's pixels is ``(W, P, 3)`` [m].
     """
 
     heights: NDArray[np.float32]
     without_item: NDArray[np.float32]
     uncovered: NDArray[np.float32]
+    pixels: NDArray[np.float32]
 
 
 def skin_of(outline: Outline) -> Skin:
@@ -89,6 +91,7 @@ class Canvas:
         device, count = simulation.device, simulation.count
         skin = skin_of(outline)
         self._rigid = item is not None
+        self._pixels = int(outline.covered.sum())
         self._ground = upload(plate.heightmap(grid), float, device)
         self._offsets = upload(SUBSAMPLES, wp.vec2, device)
         self._boxes = wp.empty((count, *grid.shape, len(SUBSAMPLES)), dtype=float, device=device)
@@ -132,4 +135,6 @@ class Canvas:
             wp.launch(raster.draw_triangles, (count, len(self._triangles)), inputs, device=device)
         inputs = [self._ground, self._boxes, self._item, *self._means]
         wp.launch(raster.blend, self._boxes.shape[:3], inputs, device=device)
-        return Drawing(*(np.array(mean.numpy(), dtype=np.float32) for mean in self._means))
+        heights, without_item, uncovered = (np.array(mean.numpy(), dtype=np.float32) for mean in self._means)
+        tops = self._vertices.numpy()[:, : 4 * self._pixels].reshape(count, -1, 4, 3)
+        return Drawing(heights, without_item, uncovered, tops.mean(axis=2))

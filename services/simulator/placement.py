@@ -33,6 +33,8 @@ class Placed:
         settled: Whether everything came to rest ``(B,)``.
         speed: Largest speed at the end ``(B,)`` [m/s].
         time: Simulated time ``(B,)`` [s].
+        covered: Share of each cell in which the item is the topmost thing ``(B, H, W)`` [-].
+        pixels: Where the middle of the top of each of the item's pixels is ``(B, P, 3)`` [m].
         outcome: Where nodes and bodies are.
     """
 
@@ -40,6 +42,8 @@ class Placed:
     settled: NDArray[np.bool_]
     speed: NDArray[np.float32]
     time: NDArray[np.float32]
+    covered: NDArray[np.float32]
+    pixels: NDArray[np.float32]
     outcome: Outcome
 
 
@@ -117,7 +121,15 @@ class Placement:
         unexplained = self.state.scene.heights - self._before  # what neither plate nor boxes account for stays
         heights = np.where(unmoved, seen.heights + seen.uncovered * unexplained, seen.heights)
         heights = np.where(unmoved & (seen.uncovered == 1), self.state.scene.heights, heights).astype(np.float32)
-        return Placed(heights[:count], outcome.settled[:count], outcome.speed[:count], outcome.time[:count], outcome)
+        return Placed(
+            heights=heights[:count],
+            settled=outcome.settled[:count],
+            speed=outcome.speed[:count],
+            time=outcome.time[:count],
+            covered=1 - seen.uncovered[:count],
+            pixels=seen.pixels[:count],
+            outcome=outcome,
+        )
 
     def start_height(self, action: NDArray[np.float64]) -> float:
         """Return the height from which the tray lowers the item: just above the highest thing below it [m]."""

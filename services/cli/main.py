@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "optimize": ("services.cli.optimize:optimize", "Ask the running system for the best action of a scene."),
     "demo": ("services.cli.demo:demo", "Start everything, optimise one bundled scene, draw it, stop everything."),
     "watch": ("services.cli.watch:watch", "Watch workers and running optimisations live."),
+    "bench": ("services.cli.bench:bench", "Measure the simulator, with other simulators beside it."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),
     "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),

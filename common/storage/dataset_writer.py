@@ -114,6 +114,7 @@ class DatasetWriter:
             unfinished.replace(self.path / split / "states.jsonl")
             sha256[split] = hashlib.sha256(content).hexdigest()
             self._arrays[split].resize(len(kept[split]))
+            _remove_empty_folders(self.path / split)
         card = DatasetCard(
             **self.plan.model_dump(),
             states={split: len(records) for split, records in kept.items()},
@@ -144,6 +145,12 @@ class DatasetWriter:
 def _append(path: Path, line: str) -> None:
     with path.open("ab") as file:
         file.write(line.encode() + b"\n")
+
+
+def _remove_empty_folders(path: Path) -> None:
+    for folder, _, _ in os.walk(path, topdown=False):
+        if not os.listdir(folder):
+            os.rmdir(folder)
 
 
 def _resume(path: Path) -> dict[int, StateRecord]:

@@ -39,9 +39,9 @@ def run(*arguments: object, endpoint: str = "") -> tuple[int, str, str]:
 
 def contents(path: Path) -> dict[str, bytes]:
     return {
-        str(found.relative_to(path)): found.read_bytes()
+        str(found.relative_to(path)): found.read_bytes() if found.is_file() else b""
         for found in sorted(path.rglob("*"))
-        if found.is_file() and found.name != "timings.jsonl"
+        if found.name != "timings.jsonl"
     }
 
 

@@ -67,9 +67,9 @@ def run(path, *, in_flight=1, model=None, settle=as_drawn, stop_after=None, plan
 
 def contents(path):
     return {
-        str(found.relative_to(path)): found.read_bytes()
+        str(found.relative_to(path)): found.read_bytes() if found.is_file() else b""
         for found in sorted(path.rglob("*"))
-        if found.is_file() and found.name != "timings.jsonl"
+        if found.name != "timings.jsonl"
     }
 
 

@@ -61,9 +61,12 @@ def write(path, *, model=None, of=None, order=None):
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    """Return the bytes of every file but the measured times."""
-    files = (found for found in sorted(path.rglob("*")) if found.is_file() and found.name != "timings.jsonl")
-    return {str(found.relative_to(path)): found.read_bytes() for found in files}
+    """Return all folders and the bytes of all files, but not the measured times."""
+    return {
+        str(found.relative_to(path)): found.read_bytes() if found.is_file() else b""
+        for found in sorted(path.rglob("*"))
+        if found.name != "timings.jsonl"
+    }
 
 
 def same(first: np.ndarray, second: np.ndarray) -> bool:

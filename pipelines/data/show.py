@@ -92,9 +92,10 @@ def _draw_sheet(
                 ax.set_title(title, fontsize=9)
         about = f"{samples.kinds[index]}, {samples.layouts[index]}, {samples.places[index]}"
         stiffness = "rigid" if samples.rigid[index] else f"{_item_property(samples, 1)[index] / 1e3:.0f} kPa"
-        axes[row, column * len(PANELS)].text(
+        note = axes[row, column * len(PANELS)].text(
             -half_x, -half_y - 0.4, f"{about}, {stiffness}, d = {deviations[index] * MM:.2f} mm", fontsize=7, va="top"
         )
+        note.set_in_layout(False)
     if image is not None and difference is not None:
         figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.6, pad=0.01)
         figure.colorbar(difference, ax=axes, label="difference [mm]", shrink=0.6, pad=0.01)

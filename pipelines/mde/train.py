@@ -86,14 +86,16 @@ def train_ensemble(
     median, gap, distance = np.full((3, count), np.nan)
     for index, member in enumerate(members):
         seen, unseen = np.flatnonzero(part != index), np.flatnonzero(part == index)
-        train(
-            member,
-            data.loss,
-            training=seen,
-            validation=unseen,
-            settings=replace(settings.training, seed=seed * settings.members + index),
-            report=lambda epoch, index=index: report(index, epoch),
-        )
+        member_seed = seed * settings.members + index
+        with seeded(member_seed):  # dropout draws from the global generator
+            train(
+                member,
+                data.loss,
+                training=seen,
+                validation=unseen,
+                settings=replace(settings.training, seed=member_seed),
+                report=lambda epoch, index=index: report(index, epoch),
+            )
         descriptions, medians, gaps = data.evaluate(member, np.arange(count))
         mean, whiten = whitening(descriptions[seen])
         distances = mahalanobis(descriptions, mean, whiten)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.domain.errors import ModelError
+from common.domain.errors import ModelError, RequestError
 from common.learning.weights import WeightsCard, load, read_card
 from services.mde.distance import mahalanobis
 from services.mde.familiarity import Familiarity
@@ -116,7 +116,7 @@ def build(card: WeightsCard) -> Ensemble:
         members, sizes = int(card.settings["members"]), dict(card.settings["network"])
         sizes = {name: tuple(size) if isinstance(size, list) else size for name, size in sizes.items()}
         return Ensemble([VARIANTS[card.architecture](card.grid.grid(), **sizes) for _ in range(members)])
-    except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, RuntimeError, RequestError) as error:
         raise ModelError(f"{card.name}: settings: expected those of {card.architecture}, got {error!r:.200}") from None
 
 

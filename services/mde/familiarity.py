@@ -13,7 +13,7 @@ RING = 0.003
 """Width of the rings in which the bare plate is compared [m]."""
 
 PLATE_TOLERANCE = 0.002
-"""A cell of bare plate is another plate's where it is this far from the mean of its ring [m]."""
+"""A cell of bare plate is another plate's where it is this far from the height of its ring [m]."""
 
 PLATE_MARGIN = 0.03
 """Share of such cells beyond the largest in the training data that makes a plate another one [-]."""
@@ -28,7 +28,7 @@ class Familiarity:
 
     Attributes:
         grid: The only grid.
-        plate: Mean height of the bare plate in rings around the centre, `RING` wide ``(R,)`` [m].
+        plate: Median height of the bare plate in rings around the centre, `RING` wide ``(R,)`` [m].
         plate_misfit: Largest share of bare cells that are off the plate by more than `PLATE_TOLERANCE`.
         ranges: Smallest and largest value of each quantity of `quantities`.
     """
@@ -43,12 +43,10 @@ class Familiarity:
         cls, grid: Grid, heights: Floats, materials: Floats, item_heights: Floats, item_materials: Floats
     ) -> "Familiarity":
         """Return what states cover: scenes ``(S, H, W)``, ``(S, 3, H, W)`` and items alike."""
-        rings = _rings(grid)
-        bare = materials[:, 0] == 0
-        weights = np.bincount(rings.ravel(), weights=bare.sum(axis=0).ravel())
-        total = np.bincount(rings.ravel(), weights=np.where(bare, heights, 0).sum(axis=0, dtype=np.float64).ravel())
-        known = weights > 0
-        plate = np.interp(np.arange(len(weights)), np.flatnonzero(known), total[known] / weights[known])
+        rings, bare = _rings(grid), _is_bare(materials)
+        seen = {ring: heights[:, rings == ring][bare[:, rings == ring]] for ring in range(int(rings.max()) + 1)}
+        known = {ring: float(np.median(values)) for ring, values in seen.items() if values.size}
+        plate = np.interp(np.arange(len(seen)), list(known), list(known.values()))
         misfits = [_misfit(one, is_bare, plate[rings]) for one, is_bare in zip(heights, bare, strict=True)]
         drawn = [
             quantities(*arrays, cell=grid.cell)
@@ -67,7 +65,7 @@ class Familiarity:
             return f"grid: expected {self.grid}, got {state.grid}"
         scene, item = state.scene, state.item
         expected = np.array(self.plate)[_rings(self.grid)]
-        misfit = _misfit(scene.heights, scene.materials[0] == 0, expected)
+        misfit = _misfit(scene.heights, _is_bare(scene.materials), expected)
         if misfit > self.plate_misfit + PLATE_MARGIN:
             return (
                 f"plate: expected {1 - self.plate_misfit - PLATE_MARGIN:.0%} of its bare cells within "
@@ -135,6 +133,17 @@ def _is_rigid(materials: Floats) -> bool:
 
 def _rings(grid: Grid) -> NDArray[np.int64]:
     return np.rint(np.hypot(grid.x[None, :], grid.y[:, None]) / RING).astype(np.int64)
+
+
+def _is_bare(materials: Floats) -> NDArray[np.bool_]:
+    """Return where there is neither a fry nor one in a neighbouring cell, from ``(..., 3, H, W)``."""
+    padded = np.pad(materials[..., 0, :, :] > 0, [(0, 0)] * (materials.ndim - 3) + [(1, 1), (1, 1)])
+    rows, columns = materials.shape[-2:]
+    covered = np.zeros((*materials.shape[:-3], rows, columns), dtype=bool)
+    for row in range(3):
+        for column in range(3):
+            covered |= padded[..., row : row + rows, column : column + columns]
+    return ~covered
 
 
 def _misfit(heights: Floats, is_bare: NDArray[np.bool_], plate: Floats) -> float:

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from common.learning.features import centred_first, window
 from services.mde.network import DeviationNetwork, Encoding, convolution
@@ -28,6 +29,9 @@ class CropNetwork(DeviationNetwork):
         features: Length of an action's description.
         size: Edge of the window, in cells of 4 x 4 of the grid's; it has to hold the item.
         dropout: Share of the pooled features that a training step leaves out.
+
+    Raises:
+        RequestError: The grid does not consist of blocks of 4 x 4 cells, or is smaller than the window.
     """
 
     pooling = 2
@@ -44,6 +48,8 @@ class CropNetwork(DeviationNetwork):
         dropout: float = 0.1,
     ) -> None:
         super().__init__(grid, features=features)
+        if grid.rows % 4 or grid.columns % 4 or min(grid.shape) < 4 * size:
+            raise RequestError(f"expected a grid of multiples of 4 cells, {4 * size} at least, got {grid}")
         self.size = size
         self._coarse = Grid(grid.rows // 4, grid.columns // 4, 4 * grid.cell)
         self.scene, self.item = _encoder(*channels[:2]), _encoder(*channels[:2])

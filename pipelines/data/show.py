@@ -90,12 +90,15 @@ def _draw_sheet(
             image, difference = (image, shown) if is_difference else (shown, difference)
             if row == 0:
                 ax.set_title(title, fontsize=9)
-        about = f"{samples.kinds[index]}, {samples.layouts[index]}, {samples.places[index]}"
         stiffness = "rigid" if samples.rigid[index] else f"{_item_property(samples, 1)[index] / 1e3:.0f} kPa"
-        note = axes[row, column * len(PANELS)].text(
-            -half_x, -half_y - 0.4, f"{about}, {stiffness}, d = {deviations[index] * MM:.2f} mm", fontsize=7, va="top"
-        )
-        note.set_in_layout(False)
+        notes = {
+            0: f"{samples.layouts[index]}, {samples.places[index]}",
+            1: f"{samples.kinds[index]}, {stiffness}",
+            3: f"d = {deviations[index] * MM:.2f} mm",
+        }
+        for number, note in notes.items():
+            ax, color = axes[row, column * len(PANELS) + number], "black" if number == 3 else "white"
+            ax.text(0.03, 0.97, note, transform=ax.transAxes, fontsize=7, va="top", color=color)
     if image is not None and difference is not None:
         figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.6, pad=0.01)
         figure.colorbar(difference, ax=axes, label="difference [mm]", shrink=0.6, pad=0.01)

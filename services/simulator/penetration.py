@@ -32,7 +32,7 @@ def deepest_penetration(placement: Placement, outcome: Outcome, world: int = 0) 
         deepest = max(deepest, float((ground - points[:, 2]).max()) + radius)
         for index, box in enumerate(boxes):
             if index != own:
-                deepest = max(deepest, radius - float(_distance(box, points).min()))
+                deepest = max(deepest, radius - float(distance_to_box(box, points).min()))
     return deepest
 
 
@@ -47,7 +47,7 @@ def _item_points(placement: Placement, outcome: Outcome, world: int) -> NDArray[
     return (weights[:, :, None] * outcome.nodes[world][placement.mesh.cells[cells]]).sum(axis=1)
 
 
-def _distance(box: Box, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def distance_to_box(box: Box, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return signed distances from points ``(S, 3)`` to a rounded box ``(S,)`` [m]."""
     excess = np.abs((points - box.position) @ box.rotation) - (box.size / 2 - ROUNDING)
     return np.linalg.norm(np.maximum(excess, 0), axis=1) + np.minimum(excess.max(axis=1), 0) - ROUNDING

@@ -10,7 +10,7 @@ from common.domain.bodies import ROUNDING, Bodies, Box
 from common.domain.errors import ModelError, RequestError
 from common.domain.scene import State
 from services.simulator.bodies import Body, box_body, item_body
-from services.simulator.canvas import Canvas
+from services.simulator.canvas import Canvas, Drawing
 from services.simulator.mesh import build_mesh
 from services.simulator.outline import outline_of
 from services.simulator.samples import item_samples
@@ -117,12 +117,8 @@ class Placement:
         )
         outcome = self.simulation.run(check=check)
         seen, count = self._canvas.draw(), len(actions)
-        unmoved = np.abs(seen.without_item - self._before) < UNCHANGED
-        unexplained = self.state.scene.heights - self._before  # what neither plate nor boxes account for stays
-        heights = np.where(unmoved, seen.heights + seen.uncovered * unexplained, seen.heights)
-        heights = np.where(unmoved & (seen.uncovered == 1), self.state.scene.heights, heights).astype(np.float32)
         return Placed(
-            heights=heights[:count],
+            heights=self._with_unexplained(seen)[:count],
             settled=outcome.settled[:count],
             speed=outcome.speed[:count],
             time=outcome.time[:count],
@@ -130,6 +126,17 @@ class Placement:
             pixels=seen.pixels[:count],
             outcome=outcome,
         )
+
+    def heights_now(self) -> NDArray[np.float32]:
+        """Return the heightmaps of all worlds as they are now, also while `run` calls ``check`` ``(W, H, W)`` [m]."""
+        return self._with_unexplained(self._canvas.draw())
+
+    def _with_unexplained(self, seen: Drawing) -> NDArray[np.float32]:
+        """Return heights to which what neither plate nor boxes account for is added where nothing moved."""
+        unmoved = np.abs(seen.without_item - self._before) < UNCHANGED
+        unexplained = self.state.scene.heights - self._before
+        heights = np.where(unmoved, seen.heights + seen.uncovered * unexplained, seen.heights)
+        return np.where(unmoved & (seen.uncovered == 1), self.state.scene.heights, heights).astype(np.float32)
 
     def start_height(self, action: NDArray[np.float64]) -> float:
         """Return the height from which the tray lowers the item: just above the highest thing below it [m]."""

@@ -1,12 +1,12 @@
 """The command ``frugal``: every command is imported when it is called, so that ``--help`` is instant."""
 
-import importlib
 import os
 import sys
 
 import click
 
 from common.domain.errors import FrugalError
+from services.cli.lazy import LazyGroup
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "up": ("services.cli.up:up", "Start router, workers and orchestrator on this machine, in the foreground."),
@@ -18,7 +18,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "optimize": ("services.cli.optimize:optimize", "Ask the running system for the best action of a scene."),
     "demo": ("services.cli.demo:demo", "Start everything, optimise one bundled scene, draw it, stop everything."),
     "watch": ("services.cli.watch:watch", "Watch workers and running optimisations live."),
+    "simulate": ("services.cli.simulate:simulate", "Simulate one placement and draw it on its way to rest."),
     "bench": ("services.cli.bench:bench", "Measure the simulator, with other simulators beside it."),
+    "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
+    "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),
     "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),
@@ -26,27 +29,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Name -> (where the command is, one line of help)."""
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported on use."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the table."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return a command."""
-        if cmd_name not in COMMANDS:
-            return None
-        module, attribute = COMMANDS[cmd_name][0].split(":")
-        return getattr(importlib.import_module(module), attribute)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write names and help from the table, importing nothing."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
-
-
-@click.group(cls=LazyGroup)
+@click.group(cls=LazyGroup, lazy=COMMANDS)
 @click.version_option(package_name="frugal")
 def frugal() -> None:
     """Choose a robot's action with several models, and pay for the slow one only where the fast ones fail."""

@@ -1,0 +1,130 @@
+"""``frugal train mde``."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from common.domain.model import PredictiveModel
+from services.cli.asking import say
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from common.storage.dataset import Dataset
+
+DATA = click.option(
+    "--data", type=click.Path(path_type=Path), default=Path("data/sim-v1"), show_default=True, help="The data set."
+)
+
+
+@click.command()
+@click.option(
+    "--model", required=True, help="heuristic, learned, simulator_coarse, or FILE.py:CLASS, a model of yours."
+)
+@DATA
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the weights [default: models/mde_<model>].")
+@click.option("--variant", type=click.Choice(["crop", "paper"]), default="crop", show_default=True, help="The network.")
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
+@click.option("--epochs", type=click.IntRange(1, 10_000), help="Passes over the data [default: the variant's].")
+@click.option(
+    "--deviations",
+    type=click.Path(path_type=Path),
+    help="File with the model's deviations from the training outcomes, of a model that was trained on the same data "
+    "[default for learned: deviations.npz beside its weights].",
+)
+def mde(
+    *, model: str, data: Path, out: Path | None, variant: str, seed: int, epochs: int | None, deviations: Path | None
+) -> None:
+    """Train the MDE of a model: how far it is from the simulator, learned from a data set of simulated placements.
+
+    The model predicts all training samples first; one that was itself trained on them brings its cross-fitted
+    deviations instead.
+    """
+    from common.storage.dataset import Dataset
+    from pipelines.mde.examples import deviation_scale
+    from pipelines.mde.release import release
+    from pipelines.mde.train import default_settings
+
+    began, dataset = time.perf_counter(), Dataset.open(data)
+    settings = default_settings(variant, seed=seed)
+    if epochs is not None:
+        settings = replace(settings, training=replace(settings.training, epochs=epochs, patience=epochs))
+    with bars() as progress:
+        name, version, deviation_m = find_deviations(dataset, model, deviations, progress)
+        folder = out or Path("models") / f"mde_{name}"
+        row = progress.add_task("epochs", total=settings.members * settings.training.epochs)
+        card = release(
+            dataset,
+            name,
+            deviation_m,
+            folder,
+            settings,
+            model_version=version,
+            scale_m=deviation_scale(dataset),
+            report=lambda member, epoch: progress.advance(row),
+        )
+    held_out = card.metrics["held_out"]
+    say(
+        f"{folder}: MAE {held_out['mae']:.3f} on states that a member did not see, always the median "
+        f"{held_out['median_baseline_mae']:.3f}; {time.perf_counter() - began:.0f} s"
+    )
+
+
+def find_deviations(dataset: "Dataset", model: str, path: Path | None, progress: "Progress") -> "tuple[str, str, Any]":
+    """Return a model's name, its version and its deviations from the training outcomes ``(N,)`` [m]."""
+    from pipelines.mde.crossfit import read_deviations
+    from pipelines.mde.examples import model_deviations
+    from services.cli.released import released
+
+    if path is not None or model == "learned":
+        crossfit = read_deviations(path or released("learned") / "deviations.npz", dataset)
+        return model, crossfit.version, crossfit.train_m
+    found = find_model(model)
+    count = len(dataset.samples("train"))
+    row = progress.add_task(f"predictions of {found.name}", total=count)
+    deviation_m = model_deviations(dataset, "train", found, report=lambda done: progress.update(row, completed=done))
+    return found.name, found.version, deviation_m
+
+
+def find_model(name: str) -> PredictiveModel:
+    """Return a model that needs no training data, by its name or as ``FILE.py:CLASS``."""
+    from services.cli.serve import load_model
+
+    if name == "heuristic":
+        from services.heuristic import HeuristicModel
+
+        return HeuristicModel()
+    if name == "simulator_coarse":
+        from services.simulator.model import SimulatorModel
+
+        return SimulatorModel.at_level("coarse")
+    return load_model(name)
+
+
+@contextmanager
+def bars() -> "Iterator[Progress]":
+    """Show progress bars with the time left on standard error."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        yield progress

@@ -10,6 +10,8 @@ from common.tasks.plating_sampler import (
     ATTEMPTS,
     ITEM_KINDS,
     LAYOUTS,
+    MORE_KINDS,
+    MORE_LAYOUTS,
     PLACES,
     sample_action,
     sample_fries,
@@ -27,12 +29,14 @@ def states(count):
     return [sample_state(np.random.default_rng(seed), Grid(), settle=as_drawn) for seed in range(count)]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_fries_are_4_to_12_and_touch_neither_each_other_nor_the_plate(layout):
+@pytest.mark.parametrize(
+    ("layout", "fewest"), [*((layout, 4) for layout in LAYOUTS), *((layout, 2) for layout in MORE_LAYOUTS)]
+)
+def test_fries_are_few_to_12_and_touch_neither_each_other_nor_the_plate(layout, fewest):
     for seed in range(10):
         plate = dinner_plate()
         boxes = sample_fries(np.random.default_rng(seed), plate, layout=layout)
-        assert 4 <= len(boxes) <= 12
+        assert fewest <= len(boxes) <= 12
         for index, box in enumerate(boxes):
             below = _surface(plate, boxes[:index], _inside(box))
             assert (box.position[2] - box.size[2] / 2 > below).all()
@@ -50,7 +54,7 @@ def _surface(plate, boxes, points):
     return np.max([plate.height(np.hypot(*points)), *(box.top(*points) for box in boxes)], axis=0)
 
 
-@pytest.mark.parametrize("kind", ITEM_KINDS)
+@pytest.mark.parametrize("kind", ITEM_KINDS + MORE_KINDS)
 @pytest.mark.parametrize("rigid", [False, True])
 def test_items_have_the_thickness_and_material_of_their_class(kind, rigid):
     for seed in range(10):

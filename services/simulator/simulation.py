@@ -160,7 +160,7 @@ class Simulation:
             ticks += 1
             if (self.worlds.phase.numpy() == int(DONE)).all():
                 break
-            if check is not None and ticks % 16 == 0:
+            if check is not None and ticks % 4 == 0:
                 check()
         return self.read(ticks)
 

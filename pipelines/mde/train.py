@@ -50,6 +50,12 @@ class EnsembleSettings:
     training: TrainingSettings = TRAINING
 
 
+def default_settings(variant: str, *, seed: int) -> EnsembleSettings:
+    """Return how the released networks of a variant are trained: ours as an ensemble, the paper's as one network."""
+    training = replace(TRAINING, seed=seed)
+    return EnsembleSettings(variant=variant, members=1 if variant == "paper" else 4, training=training)
+
+
 @dataclass(frozen=True)
 class Trained:
     """A trained ensemble.

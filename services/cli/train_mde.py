@@ -1,8 +1,6 @@
 """``frugal train mde``."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +9,7 @@ import click
 
 from common.domain.model import PredictiveModel
 from services.cli.asking import say
+from services.cli.progress import bars
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -104,27 +103,3 @@ def find_model(name: str) -> PredictiveModel:
 
         return SimulatorModel.at_level("coarse")
     return load_model(name)
-
-
-@contextmanager
-def bars() -> "Iterator[Progress]":
-    """Show progress bars with the time left on standard error."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        yield progress

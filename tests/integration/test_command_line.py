@@ -80,7 +80,7 @@ def test_help_names_every_command_and_imports_none_of_them():
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for name in ("up", "serve", "workers", "optimize", "demo", "watch", "warm", "health"):
+    for name in ("up", "serve", "workers", "optimize", "demo", "watch", "warm", "health", "train", "evaluate"):
         assert f"\n  {name} " in done.stdout
 
 

@@ -1,0 +1,19 @@
+"""``frugal evaluate``: the paper's tables and experiments."""
+
+import click
+
+from services.cli.lazy import LazyGroup
+
+EXPERIMENTS: dict[str, tuple[str, str]] = {
+    "table2": ("services.cli.evaluate_table2:table2", "How good the MDEs are, by model and variant (Table II)."),
+    "threshold": (
+        "services.cli.evaluate_threshold:threshold",
+        "Optimise held-out targets with all models and with the simulator alone.",
+    ),
+}
+"""Name -> (where the command is, one line of help)."""
+
+
+@click.group(cls=LazyGroup, lazy=EXPERIMENTS)
+def evaluate() -> None:
+    """Measure models, MDEs and whole optimisations on held-out data."""

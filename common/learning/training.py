@@ -97,7 +97,7 @@ def train(
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, steps, settings.warm_up))
     epochs: list[Epoch] = []
     step, best, kept = 0, 0, copy.deepcopy(network.state_dict())
-    with _threads(settings.threads):
+    with threads(settings.threads):
         for number in range(1, settings.epochs + 1):
             network.train()
             total = 0.0
@@ -133,6 +133,17 @@ def seeded(seed: int) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Compute on this many threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 @torch.no_grad()
 def _mean_loss(network: nn.Module, loss: Loss, samples: Tensor, batch: int) -> float:
     return sum(float(loss(network, part, None)) * len(part) for part in samples.split(batch)) / len(samples)
@@ -152,13 +163,3 @@ def _rate(step: int, steps: int, warm_up: float) -> float:
     if step < first:
         return (step + 1) / first
     return 0.5 * (1 + math.cos(math.pi * min(1.0, (step - first) / max(1.0, steps - first))))
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

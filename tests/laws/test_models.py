@@ -7,14 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from torch import nn
 
 from common.domain.bodies import Bodies, Box, Material
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
 from common.domain.scene import Item, State
+from common.learning.training import seeded
 from common.tasks.plating import dinner_plate, render_scene
 from services.heuristic import HeuristicModel
+from services.learned.model import LearnedModel
+from services.learned.network import NetworkSettings, ResidualNetwork
 from services.simulator.model import SimulatorModel
 
 
@@ -28,8 +32,16 @@ def fourth_model() -> PredictiveModel:
     return module.RestingModel()
 
 
+def learned_model() -> PredictiveModel:
+    with seeded(0):
+        network = ResidualNetwork(NetworkSettings(window=48, widths=(8, 8, 8), blocks=1))
+        nn.init.normal_(network.exit.weight, std=0.002)  # so small that the heuristic's laws still hold
+    return LearnedModel(network, grid=GRID, version="1")
+
+
 MODELS: dict[str, Callable[[], PredictiveModel]] = {
     "heuristic": HeuristicModel,
+    "learned": learned_model,
     "simulator": SimulatorModel,
     "resting": fourth_model,
 }

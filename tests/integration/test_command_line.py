@@ -12,6 +12,7 @@ import pytest
 from common.wire.client import list_workers
 from common.wire.session import open_session
 from common.wire.settings import WireSettings
+from services.cli.main import COMMANDS
 from services.cli.processes import Crew
 from tests.fakes import free_endpoint
 
@@ -80,7 +81,7 @@ def test_help_names_every_command_and_imports_none_of_them():
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for name in ("up", "serve", "workers", "optimize", "demo", "watch", "warm", "health", "train", "evaluate"):
+    for name in COMMANDS:
         assert f"\n  {name} " in done.stdout
 
 

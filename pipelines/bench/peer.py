@@ -12,7 +12,7 @@ AGREE = 5e-4
 """Mean item heights agree where they differ by no more than this [m]."""
 
 HOLD_S = 0.1
-"""Simulated time for which they must agree: an answer that is only passed through is none [s]."""
+"""Simulated time for which they must agree, and be at rest: what is only passed through is no answer [s]."""
 
 AT_REST = 3e-3
 """Speed below which the item counts as at rest [m/s]."""
@@ -59,7 +59,7 @@ class Race:
         wall_s: Wall time until it had [s]; None where it never did.
         cpu_s: Processor time of the same [s].
         reached_wall_s: Wall time until that span began [s].
-        rest_wall_s: Wall time until it agreed and was at rest [s]; None where it never was.
+        rest_wall_s: Wall time until it agreed and had been at rest for `HOLD_S` [s]; None where it never was.
         end_wall_s: Wall time of the whole run [s].
         end_simulated_s: Simulated time of the whole run [s].
         mean_difference_m: Its mean item height less the reference's, at the end [m].
@@ -86,7 +86,7 @@ class Race:
 def run_race(peer: Peer, reference: NDArray[np.float64]) -> Race:
     """Advance a peer until the mean height of its upper nodes agrees with ``reference`` ``(I, J)`` [m] and rests.
 
-    Agreement must last for `HOLD_S`; a peer that does not rest runs on to `LONGEST_S`. Looking at it does not count.
+    Both must last for `HOLD_S`; a peer that does not rest runs on to `LONGEST_S`. Looking at it does not count.
     """
     steps = max(round(SAMPLE_S / peer.step_s), 1)
     span = steps * peer.step_s
@@ -94,6 +94,7 @@ def run_race(peer: Peer, reference: NDArray[np.float64]) -> Race:
     entered: tuple[float, float] | None = None  # simulated and wall time
     agreed: tuple[float, float] | None = None  # wall and processor time
     rested: float | None = None
+    still = 0.0
     nodes = peer.nodes()
     while simulated < LONGEST_S and rested is None and np.isfinite(nodes).all():
         started, started_cpu = time.perf_counter(), time.process_time()
@@ -103,13 +104,14 @@ def run_race(peer: Peer, reference: NDArray[np.float64]) -> Race:
         simulated += span
         before, nodes = nodes, peer.nodes()
         speed = float(np.linalg.norm(nodes - before, axis=-1).max() / span)
+        still = still + span if speed < AT_REST else 0.0
         if abs(nodes[:, :, -1, 2].mean() - reference.mean()) > AGREE:
             entered = agreed = None
             continue
         entered = entered or (simulated, wall)
         if simulated - entered[0] >= HOLD_S - 1e-9:
             agreed = agreed or (wall, cpu)
-            rested = wall if speed < AT_REST else None
+            rested = wall if still >= HOLD_S - 1e-9 else None
     top = nodes[:, :, -1, 2]
     return Race(
         name=peer.name,

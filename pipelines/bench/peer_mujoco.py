@@ -25,7 +25,7 @@ class MujocoSettings:
 
 
 MUJOCO_SETTINGS = (MujocoSettings(0.010), MujocoSettings(0.005), MujocoSettings(0.002))
-"""From cheap to dear; the first that agrees without a warning counts."""
+"""From cheap to dear; the first that agrees counts."""
 
 
 class MujocoPeer(Peer):

@@ -76,21 +76,17 @@ def _mujoco(scene: PeerScene, tops: NDArray[np.float64]) -> list[Race] | None:
 
 
 def _first_that_agrees(makers: Iterable[partial], tops: NDArray[np.float64]) -> list[Race]:
-    """Race from cheap to dear settings until one agrees without a warning; all races are kept."""
+    """Race from cheap to dear settings until one agrees; all races are kept."""
     races: list[Race] = []
     for make in makers:
         races.append(run_race(make(), tops))
-        if _counts(races[-1]):
+        if races[-1].agrees:
             break
     return races
 
 
-def _counts(race: Race) -> bool:
-    return race.agrees and not race.warnings
-
-
 def _ratios(name: str, races: list[Race] | None, own: dict[str, float]) -> dict[str, float | None]:
-    race = races[-1] if races and _counts(races[-1]) else None
+    race = races[-1] if races else None
     return {
         f"{name}_time_ratio": _over(race and race.wall_s, own["wall_s"]),
         f"{name}_cpu_ratio": _over(race and race.cpu_s, own["cpu_s"]),

@@ -5,6 +5,7 @@ import click
 from services.cli.lazy import LazyGroup
 
 EXPERIMENTS: dict[str, tuple[str, str]] = {
+    "table1": ("services.cli.evaluate_table1:table1", "How far the models are from the trusted outcome (Table I)."),
     "table2": ("services.cli.evaluate_table2:table2", "How good the MDEs are, by model and variant (Table II)."),
     "threshold": (
         "services.cli.evaluate_threshold:threshold",

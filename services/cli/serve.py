@@ -56,6 +56,28 @@ def heuristic(*, instance: str, task: str) -> None:
 
 
 @serve.command()
+@click.option("--weights", type=click.Path(path_type=Path), help="Folder of its weights [default: the released ones].")
+@INSTANCE
+@TASK
+def learned(*, weights: Path | None, instance: str, task: str) -> None:
+    """Serve the learned model; weights that are not what their card says are refused."""
+    from common.wire.run import run_host
+    from common.wire.serve import host_model
+    from services.cli.released import released
+    from services.learned.model import LearnedModel
+
+    served = LearnedModel.load(weights or released("learned"))
+    sys.exit(
+        run_host(
+            lambda session: host_model(
+                session, served, task=task, instance=instance, weights=served.weights, grid=served.grid
+            ),
+            WireSettings(),
+        )
+    )
+
+
+@serve.command()
 @INSTANCE
 @TASK
 @click.option("--level", type=click.Choice(list(LEVELS)), default="default", show_default=True, help="Resolution.")

@@ -39,12 +39,14 @@ class LearnedModel(PredictiveModel):
         network: The trained network.
         grid: The only grid that it takes.
         version: Version of model and weights.
+        weights: SHA-256 of the file of weights, None if they come from none.
     """
 
     name = "learned"
 
-    def __init__(self, network: ResidualNetwork, *, grid: Grid, version: str) -> None:
+    def __init__(self, network: ResidualNetwork, *, grid: Grid, version: str, weights: str | None = None) -> None:
         self.grid = grid
+        self.weights = weights
         self.version = version
         self._network = network.to(memory_format=torch.channels_last).eval().requires_grad_(False)  # type: ignore[call-overload]
         self._views: OrderedDict[str, Views] = OrderedDict()
@@ -60,7 +62,7 @@ class LearnedModel(PredictiveModel):
         card = read_card(folder, name=cls.name)
         network = ResidualNetwork(network_settings(card, folder))
         network.load_state_dict(load(folder, network.state_dict(), card=card))
-        return cls(network, grid=card.grid.grid(), version=card.version)
+        return cls(network, grid=card.grid.grid(), version=card.version, weights=card.sha256)
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the predicted heightmaps ``(B, H, W)`` [m].

@@ -11,6 +11,7 @@ from common.domain.errors import RequestError
 from common.domain.model import PredictiveModel
 from common.storage.dataset import Dataset, Samples
 from common.storage.dataset_card import Split
+from pipelines.predictions import predict_samples
 from services.heuristic import HeuristicModel
 
 SCALE_PERCENTILE = 99.0
@@ -62,13 +63,5 @@ def model_deviations(
         report: Called with the number of samples that are done.
     """
     samples = dataset.samples(split)
-    found = np.empty(len(samples))
-    for group in np.unique(samples.groups):
-        (members,) = np.nonzero(samples.groups == group)
-        state = dataset.state(split, int(group))
-        for start in range(0, len(members), model.largest_batch):
-            part = members[start : start + model.largest_batch]
-            heights = model.predict(state, samples.actions[part]).heights
-            found[part] = deviation(heights, samples.outcomes[part])
-            report(int(part[-1]) + 1)
-    return found
+    predicted = predict_samples(model, dataset, split, samples, np.arange(len(samples)), report=report)
+    return deviation(predicted, samples.outcomes)

@@ -1,5 +1,6 @@
 """Make the weights and the card of one MDE."""
 
+import hashlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,12 @@ def release(
         samples.item_materials[first],
     )
     d_max = declared_threshold(examples.deviations)
+    metrics = {
+        "model_version": model_version,
+        "deviations_sha256": deviations_digest(deviation_m),
+        "d_max": d_max,
+        "held_out": _metrics(examples, trained, d_max),
+    }
     card = WeightsCard(
         name=f"mde_{model}",
         version=VERSION,
@@ -68,11 +75,16 @@ def release(
         seed=settings.training.seed,
         deviation_scale_m=scale_m,
         settings=settings_card(settings),
-        metrics={"d_max": d_max, "model_version": model_version, "held_out": _metrics(examples, trained, d_max)},
+        metrics=metrics,
         statistics=covered.statistics(),
     )
     trained.ensemble.facts.copy_(facts(card, factor=trained.factor))
     return save(folder, trained.ensemble.state_dict(), card)
+
+
+def deviations_digest(deviation_m: NDArray[np.floating]) -> str:
+    """Return the SHA-256 in hex of deviations in metres, as float64 in little-endian bytes."""
+    return hashlib.sha256(np.ascontiguousarray(deviation_m, "<f8").tobytes()).hexdigest()
 
 
 def declared_threshold(deviations: NDArray[np.floating]) -> float:

@@ -56,6 +56,13 @@ def default_settings(variant: str, *, seed: int) -> EnsembleSettings:
     return EnsembleSettings(variant=variant, members=1 if variant == "paper" else 4, training=training)
 
 
+def with_epochs(settings: EnsembleSettings, epochs: int | None) -> EnsembleSettings:
+    """Return settings with another number of epochs; the same if it is None."""
+    if epochs is None:
+        return settings
+    return replace(settings, training=replace(settings.training, epochs=epochs, patience=epochs))
+
+
 @dataclass(frozen=True)
 class Trained:
     """A trained ensemble.

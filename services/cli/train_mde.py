@@ -1,7 +1,6 @@
 """``frugal train mde``."""
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,12 +46,10 @@ def mde(
     from common.storage.dataset import Dataset
     from pipelines.mde.examples import deviation_scale
     from pipelines.mde.release import release
-    from pipelines.mde.train import default_settings
+    from pipelines.mde.train import default_settings, with_epochs
 
     began, dataset = time.perf_counter(), Dataset.open(data)
-    settings = default_settings(variant, seed=seed)
-    if epochs is not None:
-        settings = replace(settings, training=replace(settings.training, epochs=epochs, patience=epochs))
+    settings = with_epochs(default_settings(variant, seed=seed), epochs)
     with bars() as progress:
         name, version, deviation_m = find_deviations(dataset, model, deviations, progress)
         folder = out or Path("models") / f"mde_{name}"
@@ -103,3 +100,13 @@ def find_model(name: str) -> PredictiveModel:
 
         return SimulatorModel.at_level("coarse")
     return load_model(name)
+
+
+def find_served(name: str) -> PredictiveModel:
+    """Return a model as it is served: also one with released weights."""
+    if name != "learned":
+        return find_model(name)
+    from services.cli.released import released
+    from services.learned.model import LearnedModel
+
+    return LearnedModel.load(released("learned"))

@@ -1,0 +1,165 @@
+"""``frugal evaluate table2``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from services.cli.asking import say
+from services.cli.progress import bars
+from services.cli.train_mde import DATA
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from common.storage.dataset import Dataset
+    from pipelines.evaluate.table2_runs import Subject
+
+COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_accept_rate", "bad_share", "recall")
+"""What the table for people shows, besides coverage and d_max."""
+
+
+@click.command()
+@DATA
+@click.option("--model", "models", multiple=True, default=("heuristic", "learned"), show_default=True)
+@click.option("--variant", "variants", multiple=True, default=("paper", "crop"), show_default=True)
+@click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True, help="Trainings of each network.")
+@click.option("--epochs", type=click.IntRange(1, 10_000), help="Passes over the data [default: the variant's].")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/table2"), show_default=True, help="Weights and results."
+)
+@click.option("--maps", type=click.IntRange(0, 50), default=0, show_default=True, help="Scenes to draw accept maps of.")
+@click.option(
+    "--map-actions", type=click.IntRange(3, 100), default=15, show_default=True, help="Actions along x and y."
+)
+@click.option("--json", "as_json", is_flag=True, help="All figures as JSON on standard output.")
+def table2(
+    *,
+    data: Path,
+    models: tuple[str, ...],
+    variants: tuple[str, ...],
+    seeds: int,
+    epochs: int | None,
+    out: Path,
+    maps: int,
+    map_actions: int,
+    as_json: bool,
+) -> None:
+    """Measure the MDEs on the test samples: Table II, first row, with what accepting by them leads to.
+
+    Networks that are not there yet are trained; raw results and the reliability plot are written to --out. Accept maps
+    ask the simulator about every action of a grid.
+    """
+    from common.storage.dataset import Dataset
+    from pipelines.evaluate.table2 import table2 as tabulate
+    from pipelines.evaluate.table2_figures import draw_reliability
+    from pipelines.evaluate.table2_runs import Run, find_weights, judge, write_runs
+    from pipelines.figures import save_figure
+    from pipelines.mde.examples import deviation_scale
+    from pipelines.mde.train import default_settings, with_epochs
+    from services.cli.released import released
+
+    dataset = Dataset.open(data)
+    scale_m = deviation_scale(dataset)
+    runs: list[Run] = []
+    chosen: dict[str, Path] = {}
+    with bars() as progress:
+        for name in models:
+            subject = find_subject(dataset, name, progress)
+            for variant in variants:
+                for seed in range(seeds):
+                    settings = with_epochs(default_settings(variant, seed=seed), epochs)
+                    row = progress.add_task(
+                        f"{subject.name} {variant} {seed}", total=settings.members * settings.training.epochs
+                    )
+                    folder = find_weights(
+                        dataset,
+                        subject,
+                        settings,
+                        scale_m=scale_m,
+                        released=released(f"mde_{subject.name}"),
+                        work=out,
+                        report=lambda member, epoch, row=row: progress.advance(row),
+                    )
+                    progress.update(row, completed=settings.members * settings.training.epochs)
+                    runs.append(judge(dataset, subject, folder))
+                    chosen.setdefault(subject.name, folder)
+                    if variant != "paper" and seed == 0:
+                        chosen[subject.name] = folder
+        write_runs(out / "judgements.jsonl", runs)
+        table = tabulate(runs)
+        if maps:
+            draw_maps(dataset, chosen, out, scenes=maps, count=map_actions, progress=progress)
+    save_figure(draw_reliability(runs), out / "reliability")
+    (out / "table2.json").write_text(json.dumps(table, indent=2) + "\n")
+    if as_json:
+        click.echo(json.dumps(table, indent=2))
+    else:
+        show(table)
+    say(f"written: {out / 'judgements.jsonl'}, {out / 'table2.json'}, {out / 'reliability.png'}")
+
+
+def find_subject(dataset: "Dataset", name: str, progress: "Progress") -> "Subject":
+    """Return a model with its deviations on both splits."""
+    from pipelines.evaluate.table2_runs import Subject
+    from pipelines.mde.crossfit import read_deviations
+    from pipelines.mde.examples import model_deviations
+    from services.cli.released import released
+    from services.cli.train_mde import find_deviations, find_model
+
+    if name == "learned":
+        crossfit = read_deviations(released("learned") / "deviations.npz", dataset)
+        return Subject(name, crossfit.version, crossfit.train_m, crossfit.test_m)
+    found, version, train_m = find_deviations(dataset, name, None, progress)
+    return Subject(found, version, train_m, model_deviations(dataset, "test", find_model(name)))
+
+
+def draw_maps(
+    dataset: "Dataset", chosen: dict[str, Path], out: Path, *, scenes: int, count: int, progress: "Progress"
+) -> None:
+    """Write accept maps of the first test states, raw and drawn."""
+    from common.learning.weights import read_card
+    from common.tasks import TASKS
+    from pipelines.evaluate.accept_maps import accept_maps, write_map
+    from pipelines.evaluate.table2_figures import draw_accept_maps
+    from pipelines.figures import save_figure
+    from services.cli.train_mde import find_served
+    from services.mde.estimator import read_estimator
+    from services.simulator.model import SimulatorModel
+
+    models = {name: find_served(name) for name in chosen}
+    cards = {name: read_card(folder) for name, folder in chosen.items()}
+    estimators = {
+        name: (read_estimator(folder, model=name), cards[name].deviation_scale_m or 1.0, cards[name].metrics["d_max"])
+        for name, folder in chosen.items()
+    }
+    simulator = SimulatorModel()
+    for scene in range(scenes):
+        row = progress.add_task(f"accept maps of scene {scene}", total=count**2)
+        drawn = accept_maps(
+            dataset.state("test", scene),
+            TASKS["plating"],
+            simulator,
+            models,
+            estimators,
+            count=count,
+            report=lambda done, row=row: progress.update(row, completed=done),
+        )
+        for one in drawn:
+            write_map(out / "maps" / f"{scene:03d}-{one.model}.npz", one)
+        save_figure(draw_accept_maps(drawn), out / "maps" / f"{scene:03d}")
+
+
+def show(table: dict[str, dict[str, dict[str, Any]]]) -> None:
+    """Print the table for people."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    drawn = Table("model", "variant", *COLUMNS, "coverage", "d_max", "ms", box=box.SIMPLE_HEAD, pad_edge=False)
+    for model, variants in table.items():
+        for variant, figures in variants.items():
+            cells = ["-" if figures[name] is None else f"{figures[name]:.3f}" for name in (*COLUMNS, "coverage")]
+            drawn.add_row(model, variant, *cells, f"{figures['d_max']:g}", f"{1e3 * figures['action_s']:.2f}")
+    Console(width=150).print(drawn)

@@ -7,6 +7,8 @@ import pytest
 
 from common.domain.case import Case
 from common.storage.cases import read_case
+from pipelines.cross_sections import MODULI, sections_over_stiffness
+from pipelines.figures_simulation import draw_sections
 from pipelines.frames import place_with_frames
 from pipelines.sections import boxes_of, cut
 from services.simulator.model import SimulatorModel
@@ -55,3 +57,16 @@ def test_boxes_of_an_outcome_are_as_many_as_the_scene_has_and_as_large(case: Cas
     placed = placement.run(np.zeros((1, 2)))
     found = boxes_of(placement, placed.outcome)
     assert [box.size.tolist() for box in found] == [box.size.tolist() for box in placement.boxes]
+
+
+def test_the_stiffer_an_item_the_straighter_its_section():
+    sections = sections_over_stiffness(level="coarse")
+    assert [name for name, _ in sections][-1] == "rigid"
+    bends = []
+    for _, section in sections:
+        along, height = section.item[-1].T
+        bends.append(np.abs(height - np.polyval(np.polyfit(along, height, 1), along)).max())
+    assert bends == sorted(bends, reverse=True)
+    assert bends[0] > 2e-3
+    assert bends[-1] < 1e-6
+    assert len(draw_sections(sections, title="").axes) == len(MODULI)

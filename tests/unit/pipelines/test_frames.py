@@ -60,7 +60,7 @@ def test_boxes_of_an_outcome_are_as_many_as_the_scene_has_and_as_large(case: Cas
 
 
 def test_the_stiffer_an_item_the_straighter_its_section():
-    sections = sections_over_stiffness(level="coarse")
+    sections = sections_over_stiffness()
     assert [name for name, _ in sections][-1] == "rigid"
     bends = []
     for _, section in sections:

@@ -147,6 +147,7 @@ class Worlds:
     time: wp.array[float]
     keep: wp.array[float]
     moved: wp.array[float]  # largest displacement in the step [m]
+    margin: wp.array[float]  # how far the contact search has looked beyond touching [m]
     speed: wp.array[float]  # largest speed in the last whole step [m/s]
     converged: wp.array[int]
     calm: wp.array[int]  # steps at rest in a row

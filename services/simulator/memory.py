@@ -25,16 +25,25 @@ from services.simulator.surfaces import box_distance, plate_distance
 
 WIDEST_MARGIN = wp.constant(0.006)
 SMALLEST_MARGIN = wp.constant(0.002)
-"""What is this much beyond touching counts as near for the length of one step, more the more the last one moved [m]."""
+"""What is this much beyond touching counts as near for the length of one step, more the more the last one moved [m].
+
+A step that goes further ends there.
+"""
+
+
+@wp.func(module=MODULE)
+def search_margin(worlds: Worlds, w: int):
+    """Return how far beyond touching the contact search looks [m]."""
+    if worlds.fresh[w] == 1:
+        return float(WIDEST_MARGIN)
+    return wp.min(WIDEST_MARGIN, SMALLEST_MARGIN + 2.0 * worlds.moved[w])
 
 
 @wp.func(module=MODULE)
 def obstacles_near(plate: Plates, rigid: Rigid, worlds: Worlds, w: int, centre: wp.vec3, radius: float, own: int):
     """Return the bit set of boxes that a sphere may touch in the next step, ``own`` left out, and `NEAR_PLATE`."""
     near = int(0)
-    margin = wp.min(WIDEST_MARGIN, SMALLEST_MARGIN + 2.0 * worlds.moved[w])
-    if worlds.fresh[w] == 1:
-        margin = WIDEST_MARGIN
+    margin = search_margin(worlds, w)
     r = wp.sqrt(centre[0] * centre[0] + centre[1] * centre[1])
     last = plate.ceiling.shape[0] - 1
     inner = wp.min(int(wp.max(r - radius, 0.0) / plate.bin), last)

@@ -227,7 +227,20 @@ class Simulation:
             setattr(worlds, name, wp.zeros((count, points, obstacles), dtype=wp.vec3, device=device))
         for name in ("phase", "iteration", "trials", "converged", "calm", "fresh", "tray_on"):
             setattr(worlds, name, wp.zeros(count, dtype=int, device=device))
-        for name in ("alpha", "slope", "longest", "dt", "time", "keep", "moved", "speed", "tray", "tray_load", "idle"):
+        for name in (
+            "alpha",
+            "slope",
+            "longest",
+            "dt",
+            "time",
+            "keep",
+            "moved",
+            "margin",
+            "speed",
+            "tray",
+            "tray_load",
+            "idle",
+        ):
             setattr(worlds, name, wp.zeros(count, dtype=float, device=device))
         return worlds
 

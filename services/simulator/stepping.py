@@ -26,6 +26,7 @@ from services.simulator.arrays import (
     Worlds,
 )
 from services.simulator.device import MODULE
+from services.simulator.memory import search_margin
 
 STEP_LIMIT = wp.constant(0.0025)
 """Largest displacement of one Newton iteration [m]."""
@@ -121,7 +122,7 @@ def judge(laws: Laws, rigid: Rigid, worlds: Worlds):
     if iteration >= 2 and last < wp.max(laws.tolerance, laws.relative_tolerance * moved):
         worlds.converged[w] = 1
         worlds.phase[w] = ENDED
-    elif iteration >= laws.iterations * (1 + 2 * int(worlds.time[w] > laws.patience)):
+    elif moved > worlds.margin[w] or iteration >= laws.iterations * (1 + 2 * int(worlds.time[w] > laws.patience)):
         worlds.converged[w] = 0
         worlds.phase[w] = ENDED
     if worlds.phase[w] == ENDED:
@@ -167,6 +168,7 @@ def next_step(laws: Laws, worlds: Worlds):
     if worlds.phase[w] != ENDED:
         return
     worlds.phase[w] = START
+    worlds.margin[w] = search_margin(worlds, w)
     if worlds.fresh[w] == 1:  # contacts have just been given their first anchors, nothing has moved yet
         worlds.fresh[w] = 0
         worlds.tray[w] = worlds.tray[w] - laws.tray_speed * worlds.dt[w]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import zenoh
 
-from common.domain.errors import UnavailableError
+from common.domain.errors import RequestError, UnavailableError
 from common.wire.keys import ROOT, check_name
 
 ATTEMPT_MS = 1000
@@ -13,13 +13,19 @@ ANSWER_S = 3.0
 
 
 def health_key(name: str, *, instance: str) -> str:
-    """Return the key expression of the health of a model's worker, or of the orchestrator.
+    """Return the key expression of the health of a model's worker, of an MDE, or of the orchestrator.
 
     Args:
-        name: A model, or ``orchestrator``.
+        name: A model, ``mde/<model>``, or ``orchestrator``.
         instance: A name or a key expression of one chunk, ``host-$*`` for instance.
     """
-    worker = name if name == "orchestrator" else f"model/{check_name('name', name)}"
+    kind, _, model = name.rpartition("/")
+    if name == "orchestrator":
+        worker = name
+    elif kind in ("", "mde"):
+        worker = f"{kind or 'model'}/{check_name('name', model)}"
+    else:
+        raise RequestError(f"name: expected a model, mde/<model> or orchestrator, got {name[:80]!r}")
     return f"{ROOT}/*/{worker}/{instance}/health"
 
 

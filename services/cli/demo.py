@@ -23,7 +23,7 @@ from services.cli.warm import compile_kernels
 @click.option("--in-flight", type=click.IntRange(1, 64), default=4, show_default=True)
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
 def demo(*, scene: str, out: Path, evaluations: int, in_flight: int, seed: int) -> None:
-    """Start router, heuristic, two simulators and orchestrator, optimise SCENE, draw it, stop everything."""
+    """Start router, models, their MDEs and orchestrator, optimise SCENE, draw it, stop everything."""
     began = time.perf_counter()
     case = find_case(scene)
     prepare(out)

@@ -10,13 +10,17 @@ import click
 
 from common.domain.errors import UnavailableError
 from common.wire.client import list_workers
+from common.wire.keys import Address
 from common.wire.session import open_session, stop_on_signals
 from common.wire.settings import WireSettings
 from services.cli.asking import say
 from services.cli.processes import Crew
+from services.cli.released import is_released
 from services.cli.warm import compile_kernels
 
 READY_S = 180.0
+ESTIMATED = ("heuristic", "learned")
+"""Models whose MDEs are released."""
 
 
 @click.command()
@@ -25,7 +29,9 @@ READY_S = 180.0
     "--logs", type=click.Path(path_type=Path), help="Folder for one log a process; else all on this terminal."
 )
 def up(*, simulators: int, logs: Path | None) -> None:
-    """Start router, heuristic, simulators and orchestrator, and keep them running until interrupted.
+    """Start router, models, their MDEs and orchestrator, and keep them running until interrupted.
+
+    The learned model and the MDEs are started where their released weights are.
 
     The router listens at FRUGAL_LISTEN (default tcp/127.0.0.1:7447). A process that ends is restarted.
     """
@@ -62,7 +68,22 @@ def start_system(crew: Crew, *, simulators: int) -> Counter[str]:
     for number in range(1, simulators + 1):
         crew.start(f"simulator-{number}", "simulator", "--instance", f"simulator-{number}")
     crew.start("orchestrator", "orchestrator", "--instance", "orchestrator-1")
-    return Counter({"heuristic": 1, "simulator": simulators, "orchestrator": 1})
+    expected = Counter({"heuristic": 1, "simulator": simulators, "orchestrator": 1})
+    if is_released("learned"):
+        crew.start("learned", "learned", "--instance", "learned-1")
+        expected["learned"] = 1
+    for model in ESTIMATED:
+        if is_released(f"mde_{model}"):
+            crew.start(f"mde-{model}", "mde", "--model", model, "--instance", f"mde-{model}-1")
+            expected[f"mde/{model}"] = 1
+    return expected
+
+
+def worker_name(address: Address) -> str:
+    """Return what kind of worker an address is of: its model, ``mde/<model>`` or ``orchestrator``."""
+    if address.role == "mde":
+        return f"mde/{address.model}"
+    return address.model or address.role
 
 
 def wait_until_ready(
@@ -77,7 +98,7 @@ def wait_until_ready(
     missing = expected
     with open_session(settings, wait_s=20.0) as session:
         while not stopped():
-            live = Counter(status.address.model or status.address.role for status in list_workers(session))
+            live = Counter(worker_name(status.address) for status in list_workers(session))
             missing = expected - live
             if ended := crew.ended():
                 raise UnavailableError(

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from common.domain.errors import UnavailableError
+from common.domain.errors import RequestError, UnavailableError
 from common.wire.probe import health_key, probe
 from common.wire.serve import host_model
 from common.wire.session import open_router, open_session
@@ -35,6 +35,12 @@ def test_a_worker_that_answers_is_well(endpoint: str, instance: str) -> None:
 def test_the_answer_of_another_worker_does_not_count(endpoint: str, name: str, instance: str) -> None:
     with pytest.raises(UnavailableError, match="expected an answer"):
         probe(health_key(name, instance=instance), connect=[endpoint])
+
+
+def test_an_mde_is_named_with_its_model() -> None:
+    assert health_key("mde/learned", instance="a") == "frugal/@v1/*/mde/learned/a/health"
+    with pytest.raises(RequestError, match="expected a model, mde/<model> or orchestrator"):
+        health_key("nowhere/learned", instance="a")
 
 
 def test_a_router_that_answers_is_well(endpoint: str) -> None:

@@ -20,32 +20,31 @@ FAR, DEEP = 1e3, -1e3
 """The first triangle: its corners' distance from the centre of mass [cells] and height [m]."""
 
 Point = tuple[float, float, float]
+"""Three coordinates of a point, or three numbers of a plane."""
 
 
-def resting_gap(scene: Floats, outline: NDArray[np.bool_], weight: Floats) -> NDArray[np.float64]:
-    """Return the gap between the scene and the flat bottom of an unbending item at rest on it ``(H, W)`` [m].
+def resting_plane(scene: Floats, outline: NDArray[np.bool_], weight: Floats) -> Point:
+    """Return slopes along x and y [m a cell] and offset [m] of an unbending item's flat bottom at rest on the scene.
 
-    It is 0 outside the outline, and everywhere for an item that has no cell here.
+    The plane's height is ``slope_x * column + slope_y * row + offset``. It is 0 for an item that has no cell here.
 
     Args:
         scene: Heightmap ``(H, W)`` [m].
         outline: Where the item is ``(H, W)``.
         weight: Its mass at each cell, in any unit ``(H, W)``; positive inside the outline.
     """
-    gap = np.zeros(scene.shape)
     rows, columns = np.nonzero(outline)
-    if len(rows):
-        x, y = columns.astype(np.float64), rows.astype(np.float64)
-        z, mass = scene[outline].astype(np.float64), weight[outline].astype(np.float64)
-        centre_x, centre_y = float((mass * x).sum() / mass.sum()), float((mass * y).sum() / mass.sum())
-        gap[outline] = _above(x, y, z, centre_x, centre_y)
-    return gap
+    if not len(rows):
+        return 0.0, 0.0, 0.0
+    x, y = columns.astype(np.float64), rows.astype(np.float64)
+    z, mass = scene[outline].astype(np.float64), weight[outline].astype(np.float64)
+    return _lowest_plane(x, y, z, float((mass * x).sum() / mass.sum()), float((mass * y).sum() / mass.sum()))
 
 
-def _above(
+def _lowest_plane(
     x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], centre_x: float, centre_y: float
-) -> NDArray[np.float64]:
-    """Return the height above each point ``(P,)`` of the lowest plane over all of them, as measured at the centre."""
+) -> Point:
+    """Return the plane over all points ``(P,)`` that is the lowest at the centre."""
     angles = (0.1, 2.2, 4.3)
     corners: list[Point] = [(centre_x + FAR * np.cos(turn), centre_y + FAR * np.sin(turn), DEEP) for turn in angles]
     shares = _shares(corners, centre_x, centre_y)
@@ -62,8 +61,7 @@ def _above(
         if abs(_area(exchanged)) < 1e-9:
             break
         corners, shares = exchanged, [max(share, 0.0) for share in _shares(exchanged, centre_x, centre_y)]
-    slope_x, slope_y, offset = _plane(corners)
-    return slope_x * x + slope_y * y + (offset - z)
+    return _plane(corners)
 
 
 def _plane(corners: list[Point]) -> Point:

@@ -9,7 +9,7 @@ from torch.nn import functional
 from common.learning.features import CHANNELS
 
 INPUTS = 2 * len(CHANNELS) + 1
-"""Channels of the input: those of the scene, those of the shifted item, and the gap below an unbending item."""
+"""Channels of the input: those of the scene, those of the shifted item, and what an unbending item would correct."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class NetworkSettings:
 
 
 class ResidualNetwork(nn.Module):
-    """Encoder and decoder with skips between equal resolutions: ``share * gap + rest``, untrained 0 everywhere.
+    """Encoder and decoder with skips between equal resolutions: ``share * unbending + rest``, untrained 0 everywhere.
 
-    ``gap`` is the input's last channel: what an item that does not bend would lie above the heuristic sum.
+    ``unbending`` is the input's last channel: how far an item that does not bend would be from the heuristic sum.
 
     The answer is exactly 0 further than ``item_reach`` from the item and ``fry_reach`` from everything that lies in
     the scene: nothing there can move.

@@ -1,4 +1,8 @@
-"""What the network sees: scene and shifted item in a window around the action."""
+"""What the network sees: scene and shifted item in a window around the action, and what would be if it did not bend.
+
+An item that does not bend comes to rest on a plane. Its centre of mass stays above the same point, so that a tilt
+moves its upper surface down the slope by half of its thickness times the slope.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +13,13 @@ from torch import Tensor
 
 from common.domain.grid import Floats, Grid
 from common.learning.features import HEIGHT_SCALE, channels, item_first, whole_first, window
-from common.learning.support import resting_gap
+from common.learning.support import resting_plane
+
+FARTHEST = 3.0
+"""How far the top of a tilted item moves at most, along x and along y [cells]."""
+
+HIGHEST = 6.0
+"""Largest correction that an unbending item would need, as the network sees it, in units of `HEIGHT_SCALE`."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +40,31 @@ class Views:
         """Return windows ``(B, 11, S, S)`` for actions ``(B, 2)`` [m], and the windows' first cells ``(B, 2)``."""
         first = whole_first(actions, grid, size)
         scene = window(self.scene, torch.from_numpy(first), size)
-        item = window(self.item, torch.from_numpy(item_first(actions, grid, first)), size, outside="zero")
-        return torch.cat([scene, item, _gaps(scene, item)], dim=1), first.astype(np.int64)
+        of_item = item_first(actions, grid, first)
+        item = window(self.item, torch.from_numpy(of_item), size, outside="zero")
+        slopes, planes = _planes(scene, item)
+        thickness = _mean_thickness(item)
+        moved = np.clip(-0.5 * thickness[:, None] * slopes / (grid.cell / HEIGHT_SCALE) ** 2, -FARTHEST, FARTHEST)
+        tilted = window(self.item[:, :2], torch.from_numpy(of_item - moved), size, outside="zero")
+        height, mask = tilted.unbind(1)
+        unbending = mask * (planes - scene[:, 0]) + height - item[:, 0]
+        return torch.cat([scene, item, unbending[:, None].clamp(-HIGHEST, HIGHEST)], dim=1), first.astype(np.int64)
 
 
-def _gaps(scene: Tensor, item: Tensor) -> Tensor:
+def _planes(scene: Tensor, item: Tensor) -> tuple[NDArray[np.float64], Tensor]:
+    """Return slopes ``(B, 2)`` and heights ``(B, S, S)`` of the planes on which unbending items rest."""
     heights, outlines = scene[:, 0].numpy(), item[:, 1].numpy() > 0.5
     masses = (item[:, 0] * item[:, 2]).numpy()
-    gaps = [
-        resting_gap(HEIGHT_SCALE * h, outline, mass) for h, outline, mass in zip(heights, outlines, masses, strict=True)
-    ]
-    return torch.from_numpy(np.stack(gaps)[:, None] / HEIGHT_SCALE).float()
+    found = np.array([resting_plane(*one) for one in zip(heights, outlines, masses, strict=True)])
+    rows, columns = np.mgrid[: heights.shape[1], : heights.shape[2]]
+    slope_x, slope_y, offset = (number[:, None, None] for number in found.T)
+    return found[:, :2], torch.from_numpy((slope_x * columns + slope_y * rows + offset).astype(np.float32))
+
+
+def _mean_thickness(item: Tensor) -> NDArray[np.float64]:
+    inside = item[:, 1] > 0.5
+    count = inside.sum(dim=(1, 2)).clamp(min=1)
+    return ((item[:, 0] * inside).sum(dim=(1, 2)) / count).double().numpy()
 
 
 def residuals(inputs: Tensor, first: NDArray[np.int64], outcomes: Floats, scene_heights: Floats) -> Tensor:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from common.domain.errors import RequestError
 from common.domain.model import PredictiveModel
 from services.cli.asking import say
 from services.cli.progress import bars
@@ -99,6 +100,8 @@ def find_model(name: str) -> PredictiveModel:
         from services.simulator.model import SimulatorModel
 
         return SimulatorModel.at_level("coarse")
+    if ":" not in name:
+        raise RequestError(f"model: expected heuristic, learned, simulator_coarse or FILE.py:CLASS, got {name!r}")
     return load_model(name)
 
 

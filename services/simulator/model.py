@@ -39,7 +39,7 @@ class SimulatorModel(PredictiveModel):
     """
 
     name = "simulator"
-    version = "2"
+    version = "3"
 
     def __init__(
         self,

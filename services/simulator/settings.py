@@ -38,9 +38,9 @@ class Settings:
 
     cell: float = 0.012
     layers: int = 3
-    samples: int = 6
+    samples: int = 9
     box_spacing: float = 0.0018
-    normal_stiffness: float = 4e8
+    normal_stiffness: float = 1.2e9
     point_stiffness: float = 1e4
     friction: float = 0.5
     stick_ratio: float = 0.7
@@ -63,8 +63,8 @@ class Settings:
 
 
 LEVELS: dict[str, Settings] = {
-    "coarse": Settings(cell=0.022, layers=2, samples=10),
+    "coarse": Settings(cell=0.022, layers=2, samples=16),
     "default": Settings(),
-    "fine": Settings(cell=0.006, layers=4, samples=3, first_step=0.010, longest_step=0.015),
+    "fine": Settings(cell=0.006, layers=4, samples=6, first_step=0.010, longest_step=0.015),
 }
 """Named resolutions, cheapest first."""

@@ -15,10 +15,10 @@ GRID = Grid(48, 48, 0.005)
 SIZE = NetworkSettings(window=32, widths=(8, 8, 8), blocks=1)
 
 
-def make_network(std: float) -> ResidualNetwork:
+def make_network(std: float, grid: Grid = GRID) -> ResidualNetwork:
     """Return a network whose last layer is drawn with this standard deviation."""
     with seeded(0):
-        network = ResidualNetwork(SIZE)
+        network = ResidualNetwork(SIZE, grid)
         nn.init.normal_(network.exit.weight, std=std)
     return network
 
@@ -34,4 +34,4 @@ def save_learned(folder: Path, *, std: float = 0.3, grid: Grid = GRID) -> Weight
         seed=0,
         settings={"network": asdict(SIZE)},
     )
-    return save(folder, make_network(std).state_dict(), card)
+    return save(folder, make_network(std, grid).state_dict(), card)

@@ -11,7 +11,7 @@ import safetensors.torch
 from pydantic import BaseModel, ConfigDict, ValidationError
 from torch import Tensor
 
-from common.domain.errors import ModelError
+from common.domain.errors import ModelError, RequestError
 from common.domain.grid import Grid
 
 TENSORS, CARD = "weights.safetensors", "card.json"
@@ -32,8 +32,15 @@ class GridCard(BaseModel):
         return cls(rows=grid.rows, columns=grid.columns, cell=grid.cell)
 
     def grid(self) -> Grid:
-        """Return the grid itself."""
-        return Grid(self.rows, self.columns, self.cell)
+        """Return the grid itself.
+
+        Raises:
+            ModelError: It is none.
+        """
+        try:
+            return Grid(self.rows, self.columns, self.cell)
+        except RequestError as error:
+            raise ModelError(f"card: grid: {error}") from None
 
 
 class DatasetCard(BaseModel):

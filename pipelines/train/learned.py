@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.deviation import deviation
-from common.domain.grid import Grid
 from common.learning.splits import folds, split
 from common.learning.training import Epoch, History, TrainingSettings, seeded, train
 from common.learning.weights import DatasetCard, GridCard, WeightsCard, save
@@ -71,7 +70,7 @@ def fit(
     seed = settings.training.seed
     training, validation = split(windows.groups[indices], share=settings.validation_share, seed=seed)
     with seeded(seed):
-        network = ResidualNetwork(settings.network)
+        network = ResidualNetwork(settings.network, windows.grid)
     history = train(
         network,
         windows.loss,
@@ -89,11 +88,10 @@ def cross_fit(
     """Predict every training sample with a network that was trained on the states of the other folds."""
     fold = 1 + folds(samples.groups, count=settings.folds, seed=settings.training.seed)
     deviation_m, rmse_m = np.empty(len(samples)), np.empty(len(samples))
-    grid = dataset.card.grid.grid()
     for number in range(1, settings.folds + 1):
         network, _ = fit(windows, np.flatnonzero(fold != number), settings, report=_numbered(report, number))
         held_out = np.flatnonzero(fold == number)
-        predicted = predict_samples(_model(network, grid), dataset, "train", samples, held_out)
+        predicted = predict_samples(_model(network), dataset, "train", samples, held_out)
         deviation_m[held_out] = deviation(predicted, samples.outcomes[held_out])
         rmse_m[held_out] = rmse(predicted, samples.outcomes[held_out])
     return CrossFit(fold, deviation_m, rmse_m)
@@ -113,7 +111,7 @@ def release(
     network, history = fit(windows, np.arange(len(samples)), settings, report=_numbered(report, 0))
     test = dataset.samples("test")
     everything = np.arange(len(test))
-    learned = predict_samples(_model(network, grid), dataset, "test", test, everything)
+    learned = predict_samples(_model(network), dataset, "test", test, everything)
     heuristic = rmse(predict_samples(HeuristicModel(), dataset, "test", test, everything), test.outcomes)
     found = rmse(learned, test.outcomes)
     crossed = cross_fit(dataset, samples, windows, settings, report=report) if settings.folds else None
@@ -147,8 +145,8 @@ def release(
     return save(folder, network.state_dict(), card)
 
 
-def _model(network: ResidualNetwork, grid: Grid) -> LearnedModel:
-    return LearnedModel(network, grid=grid, version=VERSION)
+def _model(network: ResidualNetwork) -> LearnedModel:
+    return LearnedModel(network, version=VERSION)
 
 
 def _numbered(report: Report, number: int) -> Callable[[Epoch], None]:

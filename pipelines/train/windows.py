@@ -21,18 +21,20 @@ class Windows:
         inputs: What the network sees ``(N, 11, S, S)``.
         residuals: What it shall answer ``(N, S, S)``, in units of `HEIGHT_SCALE`.
         groups: Number of the state ``(N,)``.
+        grid: The grid that they are cut out of.
     """
 
     inputs: Tensor
     residuals: Tensor
     groups: NDArray[np.int64]
+    grid: Grid
 
     @classmethod
     def of(cls, samples: Samples, grid: Grid, *, size: int) -> "Windows":
         """Cut windows with an edge of ``size`` cells out of samples."""
         views = Views.of(samples.scene_heights, samples.scene_materials, samples.item_heights, samples.item_materials)
         inputs, first = views.inputs(samples.actions, grid, size)
-        return cls(inputs, residuals(inputs, first, samples.outcomes, samples.scene_heights), samples.groups)
+        return cls(inputs, residuals(inputs, first, samples.outcomes, samples.scene_heights), samples.groups, grid)
 
     def loss(self, network: nn.Module, indices: Tensor, generator: Generator | None) -> Tensor:
         """Return the mean squared error; with a generator each sample is turned and mirrored as it says."""

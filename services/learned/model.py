@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from common.domain.errors import ModelError, RequestError
-from common.domain.grid import Floats, Grid
+from common.domain.grid import Floats
 from common.domain.heightmap import shift
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
@@ -36,16 +36,15 @@ class LearnedModel(PredictiveModel):
     alone, on one thread, so that its answer does not depend on the batch. Threads may ask at once.
 
     Args:
-        network: The trained network.
-        grid: The only grid that it takes.
+        network: The trained network; its grid is the only one that the model takes.
         version: Version of model and weights.
         weights: SHA-256 of the file of weights, None if they come from none.
     """
 
     name = "learned"
 
-    def __init__(self, network: ResidualNetwork, *, grid: Grid, version: str, weights: str | None = None) -> None:
-        self.grid = grid
+    def __init__(self, network: ResidualNetwork, *, version: str, weights: str | None = None) -> None:
+        self.grid = network.grid
         self.weights = weights
         self.version = version
         self._network = network.to(memory_format=torch.channels_last).eval().requires_grad_(False)  # type: ignore[call-overload]
@@ -60,9 +59,12 @@ class LearnedModel(PredictiveModel):
             ModelError: There are none, or they are not what their card says.
         """
         card = read_card(folder, name=cls.name)
-        network = ResidualNetwork(network_settings(card, folder))
+        grid = card.grid.grid()
+        network = ResidualNetwork(network_settings(card, folder), grid)
         network.load_state_dict(load(folder, network.state_dict(), card=card))
-        return cls(network, grid=card.grid.grid(), version=card.version, weights=card.sha256)
+        if network.grid != grid:
+            raise ModelError(f"{folder}: expected a card with the grid of the weights, {network.grid}, got {grid}")
+        return cls(network, version=card.version, weights=card.sha256)
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the predicted heightmaps ``(B, H, W)`` [m].

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from common.domain.grid import Grid
 from common.learning.features import CHANNELS
 
 INPUTS = 2 * len(CHANNELS) + 1
@@ -45,11 +46,17 @@ class ResidualNetwork(nn.Module):
 
     The answer is exactly 0 further than ``item_reach`` from the item and ``fry_reach`` from everything that lies in
     the scene: nothing there can move.
+
+    Attributes:
+        facts: Rows, columns and cell [m] of the grid that it is trained on, float64 ``(3,)``.
     """
 
-    def __init__(self, settings: NetworkSettings) -> None:
+    facts: Tensor
+
+    def __init__(self, settings: NetworkSettings, grid: Grid) -> None:
         super().__init__()
         self.settings = settings
+        self.register_buffer("facts", torch.tensor([grid.rows, grid.columns, grid.cell], dtype=torch.float64))
         half, quarter, eighth = settings.widths
         self.entry = nn.Conv2d(4 * INPUTS, half, 3, padding=1)
         self.encode_half = Block(half)
@@ -64,6 +71,12 @@ class ResidualNetwork(nn.Module):
         self.exit = nn.Conv2d(half, 8, 3, padding=1)
         nn.init.zeros_(self.exit.weight)
         nn.init.zeros_(self.exit.bias)  # type: ignore[arg-type]
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that it is trained on."""
+        rows, columns, cell = self.facts.tolist()
+        return Grid(int(rows), int(columns), cell)
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Return the residuals ``(B, S, S)`` for windows ``(B, 11, S, S)``, in units of `HEIGHT_SCALE`."""

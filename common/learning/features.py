@@ -78,9 +78,10 @@ def window(images: Tensor, first: Tensor, size: int, *, outside: str = "edge") -
     elif outside != "edge":
         raise ValueError(f"expected outside to be edge or zero, got {outside!r}")
     across, down = part[:, 0, None, None, None], part[:, 1, None, None, None]
-    near = near[:, :-1] * (1 - down) + near[:, 1:] * down
-    near = near[:, :, :-1] * (1 - across) + near[:, :, 1:] * across
-    return near.permute(0, 3, 1, 2).contiguous()
+    if part.any():
+        near = near[:, :-1] * (1 - down) + near[:, 1:] * down
+        near = near[:, :, :-1] * (1 - across) + near[:, :, 1:] * across
+    return near[:, :size, :size].permute(0, 3, 1, 2).contiguous()
 
 
 def cells(actions: Floats, grid: Grid) -> NDArray[np.float64]:

@@ -110,4 +110,6 @@ class Block(nn.Module):
 
 
 def _grow(mask: Tensor, cells: int) -> Tensor:
-    return functional.max_pool2d(mask, 2 * cells + 1, stride=1, padding=cells)
+    """Return the largest value within so many rows and columns, same shape."""
+    along_rows = functional.max_pool2d(mask.contiguous(), (2 * cells + 1, 1), stride=1, padding=(cells, 0))
+    return functional.max_pool2d(along_rows, (1, 2 * cells + 1), stride=1, padding=(0, cells))

@@ -73,7 +73,7 @@ def _figures(rows: Sequence[Record], best: Mapping[int, float], reference: Seque
         "targets": len(rows),
         "same_item_targets": len(same),
         "action_error_m": _spread([row["action_error_m"] for row in same]),
-        "true_reward_m": _spread([row["true_reward"] for row in rows]),
+        "true_reward_m": _spread([row["true_reward"] for row in rows], tail=10),
         "regret_same_item_m": _spread([best[row["target"]] - row["true_reward"] for row in same]),
         "regret_other_item_m": _spread([best[row["target"]] - row["true_reward"] for row in other]),
         "simulator_calls": usage["simulator"] / max(len(rows), 1),
@@ -85,11 +85,9 @@ def _figures(rows: Sequence[Record], best: Mapping[int, float], reference: Seque
     }
 
 
-def _spread(values: Sequence[float]) -> dict[str, float] | None:
+def _spread(values: Sequence[float], *, tail: int = 90) -> dict[str, float] | None:
+    """Return mean, median and the percentile at the bad end."""
     if not values:
         return None
-    return {
-        "mean": float(np.mean(values)),
-        "median": float(np.median(values)),
-        "p90": float(np.percentile(values, 90)),
-    }
+    mean, median, bad = np.mean(values), np.median(values), np.percentile(values, tail)
+    return {"mean": float(mean), "median": float(median), f"p{tail}": float(bad)}

@@ -143,4 +143,4 @@ def show(table: dict[str, dict[str, Any]]) -> None:
         calls, wall_s = f"{figures['simulator_calls']:.1f}", f"{figures['wall_s']:.2f}"
         drawn.add_row(method, str(figures["targets"]), *spreads, calls, wall_s, ratio, shares)
     Console(width=170).print(drawn)
-    say("spreads are mean/median/p90")
+    say("spreads are mean/median/p90, of rewards p10")

@@ -1,12 +1,13 @@
-"""The loop: ask for actions, evaluate several at a time, tell their rewards, answer with the best."""
+"""The loop: ask for actions, evaluate several at a time, tell their outcomes, answer with the best."""
 
 import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Event as Flag
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,12 @@ from common.domain.errors import CancelledError, FrugalError, RequestError, Time
 from common.domain.model import Event, PredictiveModel
 from common.domain.trial import Result, Trial
 from common.planning.evaluation import Evaluation, Evaluator
-from common.planning.planner import Planner
+from common.planning.plan import Outcome, Plan, Setting
 from common.planning.problem import Problem
 from common.planning.selection import parse_strategy
+from common.planning.sweep import Sweeps
+
+T = TypeVar("T")
 
 MOST_EVALUATIONS = 5000
 MOST_IN_FLIGHT = 64
@@ -44,12 +48,14 @@ def optimize(
     on_trial: Callable[[Trial], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Result:
-    """Find the action with the best predicted reward by GP-UCB.
+    """Find the action with the best predicted reward.
 
-    Rewards are told to the planner in the order of asking, and action n is asked as soon as the rewards of actions
-    0 to n - ``in_flight`` are known. So the trials depend on the seed and ``in_flight`` alone, not on which answer
-    happened to come first. Actions that are asked before anything has to be waited for are a round: each MDE is asked
-    about all of them at once, and each goes to the cheapest applicable model.
+    Outcomes are told to the strategy's plan in the order of asking, and action n is asked as soon as the outcomes of
+    actions 0 to n - ``in_flight`` are known. So the trials depend on the seed and ``in_flight`` alone, not on which
+    answer happened to come first. Actions that are asked before anything has to be waited for are a round: each MDE
+    is asked about all of them at once, and each goes to the models that the strategy names. What a plan asks of cheap
+    models in sweeps is counted in ``usage`` and ``split_s``; it is no trial, and an answer only where a deadline
+    leaves no other.
 
     An outcome with a warning, for instance ``not_settled``, counts like any other: its reward is the best that is
     known of the action, and the warning stays with the trial.
@@ -58,9 +64,9 @@ def optimize(
         problem: What is to be optimised.
         models: Models by name, from cheapest to dearest; `PredictiveModel.predict` is called from several threads.
         estimators: MDEs by the name of their model.
-        strategy: Which model answers which query, see `parse_strategy`.
+        strategy: Which actions are evaluated, and which model answers, see `parse_strategy`.
         d_max: Deviation below which a model is applicable, scaled to [0, 1].
-        evaluations: Number of actions to evaluate; a failed one counts.
+        evaluations: Number of actions to evaluate, for a strategy that stops by itself the largest; failed ones count.
         in_flight: Largest number of evaluations at the same time.
         seed: Seed of every random choice.
         trusted: The model that is always applicable; the task's own if None.
@@ -101,31 +107,48 @@ def optimize(
         now=now,
         stopped=stop.is_set,
     )
-    pool = ThreadPoolExecutor(in_flight, thread_name_prefix="evaluation")
+    pool = ThreadPoolExecutor(in_flight + 1, thread_name_prefix="evaluation")  # one for sweeps
+
+    def wait_for(question: Callable[[], T]) -> T:
+        future = pool.submit(question)
+        if not _finished(future, now=now, deadline_s=deadline_s, cancelled=cancelled):
+            raise _DeadlineError
+        return future.result()
+
     try:
-        record = _Record(Planner(problem.limits, seed=seed), now=now, on_trial=on_trial)
+        sweeps = Sweeps(problem, models, estimators, now=now, wait_for=wait_for)
+        budget = chosen.budget(evaluations)
+        plan = chosen.plan(Setting(problem, tuple(models), trusted, budget, seed, sweeps))
+        record = _Record(plan, sweeps, now=now, on_trial=on_trial)
         running: deque[_Running] = deque()
         asked: list[tuple[int, NDArray[np.float64]]] = []
-        for count in range(evaluations + in_flight):
-            if count >= in_flight:
-                if not running or not running[0].future.done():
-                    running += _started(asked, evaluator, pool)
-                    asked.clear()
-                if not _finished(running[0].future, now=now, deadline_s=deadline_s, cancelled=cancelled):
-                    break
-                record.settle(running.popleft().future.result())
-            if count < evaluations:
-                asked.append(record.ask())
+        try:
+            for count in range(budget + in_flight):
+                if count >= in_flight and (running or asked):
+                    if not running or not running[0].future.done():
+                        running += _started(asked, evaluator, pool)
+                        asked.clear()
+                    if not _finished(running[0].future, now=now, deadline_s=deadline_s, cancelled=cancelled):
+                        break
+                    record.settle(running.popleft())
+                if count < budget and (action := record.ask()) is not None:
+                    asked.append(action)
+        except _DeadlineError:
+            pass
         running += [_Running(index, action, now(), Future()) for index, action in asked]
         for left in running:
             if left.future.done() and left.future.exception() is None:
-                record.settle(left.future.result())
+                record.settle(left)
             else:
                 record.abandon(left)
         return record.result(strategy=chosen.name, seed=seed)
     finally:
         stop.set()
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+class _DeadlineError(Exception):
+    """The deadline came while a plan was waiting for a sweep."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +177,12 @@ def _started(
 class _Record:
     """What has happened so far."""
 
-    def __init__(self, planner: Planner, *, now: Callable[[], float], on_trial: Callable[[Trial], None] | None) -> None:
-        self._planner = planner
+    def __init__(
+        self, plan: Plan, sweeps: Sweeps, *, now: Callable[[], float], on_trial: Callable[[Trial], None] | None
+    ) -> None:
+        self._plan = plan
+        self._sweeps = sweeps
+        self._asked = 0
         self._now = now
         self._on_trial = on_trial
         self._trials: list[Trial] = []
@@ -164,20 +191,29 @@ class _Record:
         self._best: tuple[Trial, NDArray[np.float32]] | None = None
         self._failure: FrugalError | None = None
 
-    def ask(self) -> tuple[int, NDArray[np.float64]]:
-        began = self._now()
-        asked = self._planner.ask()
-        self._split["optimiser"] += self._now() - began
-        return asked
+    def ask(self) -> tuple[int, NDArray[np.float64]] | None:
+        """Return the next index and action; None if the plan wants no more for now."""
+        began, swept_s = self._now(), sum(self._sweeps.split_s.values())
+        action = self._plan.ask()
+        # A plan waits for its sweeps; the rest of its time is its own.
+        self._split["optimiser"] += max(self._now() - began - (sum(self._sweeps.split_s.values()) - swept_s), 0.0)
+        if action is None:
+            return None
+        self._asked += 1
+        return self._asked - 1, action
 
-    def settle(self, evaluation: Evaluation) -> None:
-        """Tell the planner and keep the evidence.
+    def settle(self, running: _Running) -> None:
+        """Tell the plan and keep the evidence.
 
         Raises:
-            FrugalError: This was the last of the first few evaluations, and all of them failed.
+            FrugalError: The evaluation failed for good, or it was the last of the first few and all of them failed.
         """
+        evaluation = running.future.result()
         trial, began = evaluation.trial, self._now()
-        self._planner.tell(trial.index, trial.reward)
+        outcome = None
+        if trial.reward is not None and evaluation.heights is not None:
+            outcome = Outcome(trial.model, trial.reward, evaluation.heights)
+        self._plan.tell(trial.index, outcome)
         self._split["optimiser"] += self._now() - began
         for name, seconds in evaluation.split_s.items():
             self._split[name] = self._split.get(name, 0.0) + seconds
@@ -216,19 +252,26 @@ class _Record:
         Raises:
             FrugalError: There is none.
         """
+        swept = self._sweeps
+        if self._best is None and self._failure is None and swept.best is not None:
+            # At the deadline a cheap model's word is all there is.
+            self._best = replace(swept.best[0], index=len(self._trials)), swept.best[1]
+            self._keep(self._best[0])
         if self._best is None:
             raise self._failure or TimedOutError("deadline_s: expected time for one evaluation at least, none finished")
         best, heights = self._best
+        for name, seconds in swept.split_s.items():
+            self._split[name] = self._split.get(name, 0.0) + seconds
         return Result(
             action=best.action,
             reward=_reward(best),
             heights=heights,
             trials=tuple(self._trials),
-            usage=dict(Counter(trial.model for trial in self._trials if trial.model)),
-            models={trial.model: trial.version for trial in self._trials if trial.version},
+            usage=dict(Counter(trial.model for trial in self._trials if trial.model) + swept.usage),
+            models=swept.versions | {trial.model: trial.version for trial in self._trials if trial.version},
             split_s=self._split,
             wall_s=self._now(),
-            events=tuple(sorted(self._events, key=lambda event: event.time)),
+            events=tuple(sorted((*self._events, *swept.events), key=lambda event: event.time)),
             strategy=strategy,
             seed=seed,
         )
@@ -250,7 +293,7 @@ def _reward(trial: Trial) -> float:
 
 
 def _finished(
-    future: Future[Evaluation],
+    future: Future[T],
     *,
     now: Callable[[], float],
     deadline_s: float | None,

@@ -1,8 +1,11 @@
-"""A strategy: which models to try for one action, and in which order."""
+"""A strategy: which actions to evaluate, and which models to try for each of them, in which order."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+
+from common.planning.plan import Plan, Setting
+from common.planning.plan_ucb import UcbPlan
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Query:
 
 
 class Strategy(ABC):
-    """A way to choose models. Stateless: the same query always gets the same answer."""
+    """A way to choose actions and models. Stateless: the same query always gets the same answer."""
 
     name: str
 
@@ -56,3 +59,11 @@ class Strategy(ABC):
     @abstractmethod
     def order(self, query: Query) -> Iterator[str]:
         """Yield models to try until one of them predicts the outcome, the required one last."""
+
+    def plan(self, setting: Setting) -> Plan:
+        """Return the course of an optimisation: the paper's GP-UCB, unless the strategy has its own."""
+        return UcbPlan(setting)
+
+    def budget(self, evaluations: int) -> int:
+        """Return how many actions it evaluates at most where ``evaluations`` are allowed."""
+        return evaluations

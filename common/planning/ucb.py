@@ -26,7 +26,7 @@ def spread(dimensions: int) -> Float64s:
     """Return candidates all over the unit cube ``(G, n)``: a dense grid up to 2-D, quasi-random points above."""
     if dimensions > 2:
         return quasi_random(4096, dimensions)
-    return _lattice(1024 if dimensions == 1 else 64, dimensions)
+    return lattice(1024 if dimensions == 1 else 64, dimensions)
 
 
 @cache
@@ -34,10 +34,11 @@ def offsets(dimensions: int) -> Float64s:
     """Return candidates around 0 within ``[-1, 1]`` ``(M, n)``."""
     if dimensions > 2:
         return 2 * quasi_random(128, dimensions) - 1
-    return 2 * _lattice(33 if dimensions == 1 else 9, dimensions) - 1
+    return 2 * lattice(33 if dimensions == 1 else 9, dimensions) - 1
 
 
-def _lattice(count: int, dimensions: int) -> Float64s:
+def lattice(count: int, dimensions: int) -> Float64s:
+    """Return a regular grid over the unit cube with ``count`` points a side ``(count^n, n)``."""
     axes = np.meshgrid(*[np.linspace(0, 1, count)] * dimensions, indexing="ij")
     return np.stack(axes, axis=-1).reshape(-1, dimensions)
 

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.bodies import Bodies, Box, Plate
-from common.domain.grid import SUBSAMPLES, Grid
+from common.domain.grid import SUBSAMPLES, Floats, Grid
 from common.domain.scene import Scene, State
 from common.domain.task import Task
+from common.tasks.plating_transport import PlatingTransport
 
 FLAT_RADIUS, RIM_RADIUS, RIM_HEIGHT = 0.080, 0.120, 0.020
 BEAD_RADIUS = 0.004
@@ -28,6 +29,10 @@ class Plating(Task):
                 [-min(0.08, half_y - 0.02), min(0.08, half_y - 0.02)],
             ]
         )
+
+    def transport(self, state: State, action: NDArray[np.float64], outcome: Floats) -> PlatingTransport:
+        """Return the settled surface as it moves with the item."""
+        return PlatingTransport(state, action, outcome)
 
 
 def dinner_plate() -> Plate:

@@ -86,5 +86,5 @@ def test_a_strategy_is_called_as_it_was_asked_for(name: str):
 
 @pytest.mark.parametrize("name", ["", "treshold", "only", "only:", "threshold:lower", "THRESHOLD"])
 def test_an_unknown_strategy_is_refused_with_the_known_ones(name: str):
-    with pytest.raises(RequestError, match=r"expected one of threshold, threshold:upper, random, only:<model>, got"):
+    with pytest.raises(RequestError, match=r"expected one of threshold, .*, only:<model>, got"):
         parse_strategy(name)

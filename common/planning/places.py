@@ -1,0 +1,126 @@
+"""Where to begin: the places that the cheap models find best, each model asked only where the cheaper ones point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.planning.gp import Float64s
+from common.planning.plan import Setting
+from common.planning.ucb import lattice, quasi_random
+
+FINEST_SHARE = 1 / 640
+"""The distance at which outcomes begin to differ, as a share of the task's range: 0.25 mm in plating."""
+COARSE, FINE = 32, 8
+"""Steps of the sweep and of the search around its best places, in finest distances."""
+SIDE_MOST = 41
+SPREAD = 3 * COARSE // 4
+"""Least distance between two of the best places, in finest distances."""
+DOZEN = 12
+
+
+@dataclass(frozen=True)
+class Places:
+    """Actions with what the dearest cheap model that answered says about them, the best first.
+
+    Attributes:
+        actions: ``(P, n)``.
+        rewards: Predicted rewards ``(P,)`` [m].
+        widths: Relative uncertainty by the MDE, 1 on average ``(P,)``.
+        model: The model; empty if none answered, and then all rewards are 0.
+    """
+
+    actions: Float64s
+    rewards: Float64s
+    widths: Float64s
+    model: str
+
+
+def finest(setting: Setting) -> Float64s:
+    """Return the distance at which outcomes begin to differ, by action parameter ``(n,)``."""
+    problem = setting.problem
+    return np.ptp(problem.task.bounds(problem.state), axis=1) * FINEST_SHARE
+
+
+def find_places(setting: Setting, *, models: int) -> Places:
+    """Sweep the cheapest model over the bounds, and the next ones over its dozen best places and around the best.
+
+    Args:
+        setting: The optimisation.
+        models: How many of the cheap models to ask.
+    """
+    unit = finest(setting)
+    known, model = _sweep(setting, unit)
+    for name in setting.cheap[1:models] if model else setting.cheap[1:]:
+        better = _look_closer(setting, name, known, unit)
+        if better is not None:
+            known, model = better, name
+    actions, rewards = known
+    return Places(actions, rewards, _widths(setting, model, actions), model)
+
+
+def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s) -> NDArray[np.intp]:
+    """Return the indices of the best actions that are further than ``distance`` ``(n,)`` from each other."""
+    chosen: list[int] = []
+    for index in np.argsort(-rewards, kind="stable"):
+        gaps = np.abs(actions[chosen] - actions[index]) / distance
+        if not len(chosen) or ((gaps**2).sum(axis=1) >= 1).all():
+            chosen.append(int(index))
+        if len(chosen) == count:
+            break
+    return np.array(chosen, dtype=np.intp)
+
+
+def around(centres: Float64s, steps: Float64s, *, side: int, limits: Float64s) -> Float64s:
+    """Return a grid of ``side`` points a side about each centre ``(K, n)``, within the limits ``(n, 2)``."""
+    dimensions = centres.shape[1]
+    offsets = (side - 1) * (_unit_cube(side, dimensions) - 0.5) * steps
+    near = (centres[:, None] + offsets).reshape(-1, dimensions)
+    return np.unique(np.clip(near, limits[:, 0], limits[:, 1]), axis=0)
+
+
+def _sweep(setting: Setting, unit: Float64s) -> tuple[tuple[Float64s, Float64s], str]:
+    limits = setting.problem.limits
+    side = int(np.clip(np.ceil(np.ptp(limits, axis=1) / (COARSE * unit)).max() + 1, 2, SIDE_MOST))
+    actions = limits[:, 0] + _unit_cube(side, len(limits)) * np.ptp(limits, axis=1)
+    for model in setting.cheap[:1]:
+        rewards = setting.survey.rewards(model, actions)
+        if rewards is None:
+            continue
+        best = best_apart(actions, rewards, DOZEN // 2, SPREAD * unit)
+        near = around(actions[best], FINE * unit, side=5, limits=limits)
+        finer = setting.survey.rewards(model, near)
+        if finer is not None:
+            actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, finer])
+        return (actions, rewards), model
+    middle = np.argsort((((actions - limits.mean(axis=1)) / unit) ** 2).sum(axis=1), kind="stable")
+    return (actions[middle], np.zeros(len(actions))), ""
+
+
+def _look_closer(
+    setting: Setting, model: str, known: tuple[Float64s, Float64s], unit: Float64s
+) -> tuple[Float64s, Float64s] | None:
+    """Return what a dearer model says about the dozen best places and around the best of them."""
+    limits = setting.problem.limits
+    actions = known[0][best_apart(*known, DOZEN, SPREAD / 2 * unit)]
+    rewards = setting.survey.rewards(model, actions)
+    if rewards is None:
+        return None
+    for step in (2 * FINE, FINE):
+        near = around(actions[[int(rewards.argmax())]], step * unit, side=3, limits=limits)
+        near = near[(np.abs(near[:, None] - actions).max(axis=2) > unit.min() / 4).all(axis=1)]
+        more = setting.survey.rewards(model, near) if len(near) else None
+        if more is not None:
+            actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, more])
+    return actions, rewards
+
+
+def _widths(setting: Setting, model: str, actions: Float64s) -> Float64s:
+    found = setting.survey.estimates(model, actions) if model else None
+    if found is None or found.mean.mean() <= 0:
+        return np.ones(len(actions))
+    return np.maximum(found.mean / found.mean.mean(), 0.1)
+
+
+def _unit_cube(side: int, dimensions: int) -> Float64s:
+    return lattice(side, dimensions) if dimensions <= 2 else quasi_random(min(side**2, 512), dimensions)

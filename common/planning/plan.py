@@ -1,0 +1,81 @@
+"""A plan: which actions one optimisation evaluates, one after the other."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.domain.deviation import Estimates
+from common.planning.problem import Problem
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an action.
+
+    Attributes:
+        model: The model that predicted it.
+        reward: Its reward [m].
+        heights: The heightmap after it ``(H, W)`` [m].
+    """
+
+    model: str
+    reward: float
+    heights: NDArray[np.float32]
+
+
+class Survey(Protocol):
+    """Cheap models and MDEs, asked about many actions at once; what they say is no trial."""
+
+    def rewards(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the rewards ``(B,)`` [m] of a model's predictions for actions ``(B, n)``; None if it failed."""
+        ...
+
+    def estimates(self, model: str, actions: NDArray[np.float64]) -> Estimates | None:
+        """Return what a model's MDE says about actions ``(B, n)``; None if there is none or it failed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a plan may know and ask.
+
+    Attributes:
+        problem: What is to be optimised.
+        models: Names of the models, from cheapest to dearest.
+        trusted: The model that is always applicable.
+        evaluations: Largest number of actions to evaluate.
+        seed: Seed of every random choice.
+        survey: Asks cheap models about many actions.
+    """
+
+    problem: Problem
+    models: tuple[str, ...]
+    trusted: str
+    evaluations: int
+    seed: int
+    survey: Survey
+
+    @property
+    def cheap(self) -> tuple[str, ...]:
+        """Names of the models that cost less than the trusted one."""
+        if self.trusted not in self.models:
+            return self.models
+        return self.models[: self.models.index(self.trusted)]
+
+
+class Plan(ABC):
+    """The course of one optimisation. The same answers to the same questions lead to the same next question."""
+
+    @abstractmethod
+    def ask(self) -> NDArray[np.float64] | None:
+        """Return the next action to evaluate ``(n,)``; None if no more is worth it as things stand.
+
+        Earlier actions may be pending. A plan is asked for at most ``evaluations`` actions.
+        """
+
+    @abstractmethod
+    def tell(self, index: int, outcome: Outcome | None) -> None:
+        """Learn what came of action ``index``, counted from 0 in the order of asking; None if nobody could tell."""

@@ -26,7 +26,7 @@ class NetworkSettings:
     """
 
     window: int = 64
-    widths: tuple[int, int, int] = (40, 80, 128)
+    widths: tuple[int, int, int] = (48, 96, 160)
     blocks: int = 2
     item_reach: int = 4
     fry_reach: int = 8

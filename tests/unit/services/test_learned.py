@@ -67,7 +67,7 @@ def test_untrained_it_answers_the_heuristic_sum_to_the_bit():
 
 
 def test_it_answers_the_heuristic_sum_corrected_by_what_the_network_says():
-    state, model = make_state(), make_model(std=0.02)
+    state, model = make_state(), make_model(std=0.04)
     views = Views.of(
         *(
             array[None]
@@ -77,10 +77,10 @@ def test_it_answers_the_heuristic_sum_corrected_by_what_the_network_says():
     action = ACTIONS[:1]
     outcome = model.predict(state, action).heights
     inputs, first = views.inputs(action, GRID, 32)
-    expected = make_network(0.02)(inputs).detach().numpy()
+    expected = make_network(0.04)(inputs).detach().numpy()
     found = residuals(inputs, first, outcome, state.scene.heights[None]).numpy()
     assert outcome.min() == state.scene.heights.min()  # nothing had to be lifted on the table
-    np.testing.assert_allclose(found, np.where(np.abs(expected) < 0.005, 0, expected), atol=1e-4)
+    np.testing.assert_allclose(found, np.where(np.abs(expected) < 0.03, 0, expected), atol=1e-4)
 
 
 def test_far_from_the_item_and_from_all_fries_the_answer_is_the_scene_itself():

@@ -23,7 +23,9 @@ from services.mde.variants import VARIANTS
 Report = Callable[[int, Epoch], None]
 
 
-TRAINING = TrainingSettings(epochs=60, batch=16, learning_rate=2e-3, weight_decay=0.2, patience=60, threads=1)
+TRAINING = TrainingSettings(
+    epochs=60, batch=32, learning_rate=2e-3, weight_decay=0.2, patience=60, threads=1, bfloat16=True
+)
 HELD_OUT = 0.15
 """Share of the states that a single member does not see."""
 

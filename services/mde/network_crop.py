@@ -61,9 +61,9 @@ class CropNetwork(DeviationNetwork):
 
     def encode(self, scene: Tensor, item: Tensor) -> Encoding:
         """Return the feature maps of scene ``(S, C, H / 4, W / 4)`` and item ``(S, C, size, size)``."""
-        features = self.item(item)
-        rows, columns = ((length - self.size) // 2 for length in features.shape[-2:])
-        return self.scene(scene), features[:, :, rows : rows + self.size, columns : columns + self.size]
+        edge = 2 * self.size
+        rows, columns = ((length - edge) // 2 for length in item.shape[-2:])
+        return self.scene(scene), self.item(item[:, :, rows : rows + edge, columns : columns + edge])
 
     def describe(self, encoding: Encoding, actions: NDArray[np.float64]) -> Tensor:
         """Return what the windows around the actions are described by ``(B, F)``."""

@@ -17,11 +17,12 @@ SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
 DOZEN = 12
+MOST_PLACES = 48
 
 
 @dataclass(frozen=True)
 class Places:
-    """Actions with what the dearest cheap model that answered says about them, the best first.
+    """Actions with what the dearest cheap model that answered says about them.
 
     Attributes:
         actions: ``(P, n)``.
@@ -55,8 +56,9 @@ def find_places(setting: Setting, *, models: int) -> Places:
         better = _look_closer(setting, name, known, unit)
         if better is not None:
             known, model = better, name
-    actions, rewards = known
-    return Places(actions, rewards, _widths(setting, model, actions), model)
+    chosen = best_apart(*known, MOST_PLACES, FINE / 2 * unit)
+    actions = known[0][chosen]
+    return Places(actions, known[1][chosen], relative_widths(setting, model, actions), model)
 
 
 def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s) -> NDArray[np.intp]:
@@ -115,7 +117,8 @@ def _look_closer(
     return actions, rewards
 
 
-def _widths(setting: Setting, model: str, actions: Float64s) -> Float64s:
+def relative_widths(setting: Setting, model: str, actions: Float64s) -> Float64s:
+    """Return the uncertainty of a model's rewards by its MDE, 1 on average ``(B,)``; 1 everywhere without an MDE."""
     found = setting.survey.estimates(model, actions) if model else None
     if found is None or found.mean.mean() <= 0:
         return np.ones(len(actions))

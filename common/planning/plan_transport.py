@@ -10,12 +10,12 @@ from common.planning.plan import Outcome, Plan, Setting
 
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
 """Nested grids around the best: step in finest distances, points a side."""
-CURIOSITY = 0.5
+CURIOSITY = 1.0
 """Weight of the uncertainty, except in the last call."""
 NEAREST = 3
 """Simulations that are fused, besides the best one."""
-GAIN = 2e-5
-PATIENCE = 3
+GAIN = 1e-5
+PATIENCE = 5
 """The plan ends after this many calls without a gain of `GAIN` [m]."""
 FAR_PLACES = 12
 WIDTH = 4e-4
@@ -27,7 +27,7 @@ class TransportPlan(Plan):
 
     The reward of an action is estimated by transporting the outcomes of the three nearest simulations and of the best
     one, weighted by ``1 / s^2``, and at the places of the cheap models by those too. The next action has the highest
-    ``mean + s / 2``, in the last call the highest mean.
+    ``mean + s``, in the last call the highest mean.
 
     Args:
         setting: The optimisation.

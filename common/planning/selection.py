@@ -7,6 +7,7 @@ from common.domain.errors import RequestError
 from common.planning.strategy import Strategy
 from common.planning.strategy_only import OnlyStrategy
 from common.planning.strategy_random import RandomStrategy
+from common.planning.strategy_residual import ResidualStrategy
 from common.planning.strategy_threshold import ThresholdStrategy
 from common.planning.strategy_transport import TransportStrategy
 
@@ -17,12 +18,14 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "quality": partial(TransportStrategy, calls=12, name="quality"),
     "balanced": partial(TransportStrategy, calls=6, name="balanced"),
     "fast": partial(TransportStrategy, calls=3, name="fast"),
+    "residual": partial(ResidualStrategy, name="residual"),
     "random": RandomStrategy,
 }
 """Strategies without a parameter."""
 
 BUDGETED: dict[str, Callable[[int], Strategy]] = {
     "transport": lambda calls: TransportStrategy(calls=calls),
+    "residual": lambda calls: ResidualStrategy(calls=calls),
 }
 """Strategies that take ``:calls=<number>``."""
 

@@ -101,7 +101,7 @@ def run_target(case: Case, index: int, plan: Plan, equipment: Equipment, done: s
             evaluations=plan.evaluations,
             seed=plan.seed + index,
         )
-        true_reward = _true_reward(problem, result, equipment.models[TRUSTED])
+        true_reward = simulated_reward(problem, result, equipment.models[TRUSTED])
         yield record(case, index, method, result, true_reward=true_reward)
 
 
@@ -214,7 +214,8 @@ def _prepare(path: Path, header: dict[str, Any]) -> dict[int, set[str]]:
     return done
 
 
-def _true_reward(problem: Problem, result: Result, simulator: PredictiveModel) -> float:
+def simulated_reward(problem: Problem, result: Result, simulator: PredictiveModel) -> float:
+    """Return the reward of the answer as the simulator sees it [m]."""
     best = max(
         (trial for trial in result.trials if trial.reward is not None), key=lambda trial: trial.reward or -np.inf
     )

@@ -22,7 +22,7 @@ from services.simulator.settings import LEVELS, Settings
 if TYPE_CHECKING:
     from services.simulator.placement import Placed, Placement
 
-STATES = 8
+STATES = 4
 """States whose meshes and arrays are kept."""
 
 

@@ -11,7 +11,7 @@ from common.planning.ucb import lattice, quasi_random
 
 FINEST_SHARE = 1 / 640
 """The distance at which outcomes begin to differ, as a share of the task's range: 0.25 mm in plating."""
-COARSE, FINE = 32, 8
+COARSE, FINE = 40, 10
 """Steps of the sweep and of the search around its best places, in finest distances."""
 SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4

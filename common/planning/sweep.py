@@ -13,8 +13,8 @@ from common.domain.trial import Trial
 from common.planning.estimation import RECOVERABLE, failure_event
 from common.planning.problem import Problem
 
-LARGEST_BATCH = 256
-"""Most actions in one call, so that an answer stays below some 10 MB."""
+LARGEST_BATCH = 64
+"""Most heightmaps in one answer: a few MB, which caches and messages hold."""
 
 
 Answer = Predictions | Estimates
@@ -69,7 +69,8 @@ class Sweeps:
                 return None
             self._account(model, answer.compute_s, began, answer.events)
             began = self._now()
-            rewards[part] = self._problem.task.reward(answer.heights, self._problem.target)
+            task, target = self._problem.task, self._problem.target
+            rewards[part] = [float(task.reward(heights, target)) for heights in answer.heights]  # one by one: in cache
             self._add("optimiser", self._now() - began)
             self.usage[model] += len(answer.heights)
             self.versions[model] = answer.version

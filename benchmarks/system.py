@@ -89,7 +89,8 @@ def accuracy(session: Session, cases: dict[str, Case]) -> dict[str, object]:
 
 def speed_up(one: Session, two: Session, cases: list[Case]) -> dict[str, object]:
     """Return how much faster two simulators are than one with four evaluations in flight, scene by scene in turn."""
-    pairs = [(run(one, case, in_flight=4), run(two, case, in_flight=4)) for case in cases]
+    options = {"strategy": "only:simulator", "in_flight": 4}
+    pairs = [(run(one, case, **options), run(two, case, **options)) for case in cases]
     ratios = [alone.wall_s / together.wall_s for alone, together in pairs]
     same = all([t.action for t in a.trials] == [t.action for t in b.trials] for a, b in pairs)
     return {"ratios": ratios, "median": median(ratios), "same_trials": same}

@@ -131,7 +131,8 @@ class Orchestrator:
         def on_trial(trial: Trial) -> None:
             publish(kind="trial", trial=TrialMessage.of(trial))
 
-        publish(kind="accepted", strategy=request.strategy, evaluations=request.evaluations)
+        budget = parse_strategy(request.strategy).budget(request.evaluations)
+        publish(kind="accepted", strategy=request.strategy, evaluations=budget)
         for event in self._left_out(assignment.problem):
             news.put(event)
         self._listeners.add(news)

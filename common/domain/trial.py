@@ -54,7 +54,7 @@ class Result:
         reward: Its predicted reward [m].
         heights: Its predicted heightmap ``(H, W)`` [m].
         trials: Every evaluated action, in the order of asking.
-        usage: Number of trials by model.
+        usage: Number of evaluated actions by model: trials, and what strategies asked cheap models in sweeps.
         models: Version by model that was used.
         split_s: Time by model, and for ``mde``, ``optimiser`` and ``transport``, calls at the same time added up;
             ``transport`` includes waiting for a free worker [s].

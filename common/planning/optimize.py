@@ -19,7 +19,7 @@ from common.domain.trial import Result, Trial
 from common.planning.evaluation import Evaluation, Evaluator
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.problem import Problem
-from common.planning.selection import parse_strategy
+from common.planning.selection import DEFAULT, parse_strategy
 from common.planning.sweep import Sweeps
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ def optimize(
     models: Mapping[str, PredictiveModel],
     estimators: Mapping[str, DeviationEstimator],
     *,
-    strategy: str = "threshold",
+    strategy: str = DEFAULT,
     d_max: float = 0.4,
     evaluations: int = 50,
     in_flight: int = 1,

@@ -17,7 +17,7 @@ SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
 DOZEN = 12
-MOST_PLACES = 48
+MOST_PLACES = 64
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,12 @@ import math
 
 import numpy as np
 
-from common.planning.gp import Float64s, GaussianProcess
+from common.planning.discrepancy import discrepancy
+from common.planning.gp import Float64s
 from common.planning.places import DOZEN, around, best_apart, find_places, finest, relative_widths
 from common.planning.plan import Outcome, Plan, Setting
 
 BETA = 4.0
-LENGTH = 0.1
-"""Length scale of the residual as a share of the range."""
-NOISE = 1e-3
-"""Variance of the noise as a share of the residual's."""
-WIDTH = 4e-4
-"""Standard deviation of a cheap model's rewards [m] that one imagined evaluation vouches for."""
 UNKNOWN = 0.4
 """Scaled deviation of a model without an MDE."""
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
@@ -90,16 +85,10 @@ class ResidualPlan(Plan):
     def _residual(self, actions: Float64s) -> tuple[Float64s, Float64s]:
         """Return mean and standard deviation [m] of the residual at actions ``(B, n)``."""
         told = [index for index in range(len(self._asked)) if index in self._rewards]
-        if not told:
-            return np.zeros(len(actions)), np.full(len(actions), WIDTH)
-        process = GaussianProcess(
-            np.full((1, len(self._range)), LENGTH), noise=NOISE, candidates=np.zeros((0, len(self._range)))
-        )
-        for index in told + [index for index in range(len(self._asked)) if index not in self._rewards]:
-            process.append(self._asked[index] / self._range)
+        known = np.array([self._asked[index] for index in told]).reshape(-1, len(self._range))
+        pending = [asked / self._range for index, asked in enumerate(self._asked) if index not in self._rewards]
         residuals = np.array([self._rewards[index] - self._priors[index] for index in told])
-        spread = (WIDTH**2 + ((residuals - residuals.mean()) ** 2).sum()) / len(told)
-        return process.predict(process.fit(residuals, variance=spread), actions / self._range, scale=0)
+        return discrepancy(known / self._range, residuals, pending, actions / self._range)
 
     def _fused(self, actions: Float64s, rewards: Float64s) -> Float64s:
         """Return the rewards by all cheap models, weighted by ``1 / MDE^2``."""

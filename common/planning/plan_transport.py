@@ -4,6 +4,7 @@ import numpy as np
 
 from common.domain.errors import RequestError
 from common.domain.transport import Transport
+from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
 from common.planning.places import SPREAD, around, best_apart, find_places, finest
 from common.planning.plan import Outcome, Plan, Setting
@@ -15,19 +16,22 @@ CURIOSITY = 1.0
 NEAREST = 3
 """Simulations that are fused, besides the best one."""
 GAIN = 1e-5
-PATIENCE = 5
+PATIENCE = 9
 """The plan ends after this many calls without a gain of `GAIN` [m]."""
 FAR_PLACES = 12
-WIDTH = 4e-4
-"""Standard deviation of a cheap model's rewards before any was compared with the trusted one [m]."""
+PEAKS = 3
+"""Simulated actions, apart from each other, whose neighbourhoods are searched."""
+ELSEWHERE = (3, 6)
+"""After so many calls without a gain the next one goes to a place that no simulation is near."""
 
 
 class TransportPlan(Plan):
     """Simulate where the cheap models point, then where the transported simulations do.
 
-    The reward of an action is estimated by transporting the outcomes of the three nearest simulations and of the best
-    one, weighted by ``1 / s^2``, and at the places of the cheap models by those too. The next action has the highest
-    ``mean + s``, in the last call the highest mean.
+    Near simulated actions a reward is estimated by transporting the outcomes of the three nearest simulations and of
+    the best one, weighted by ``1 / s^2``; at the places of the cheap models that no simulation is near, by the dearest
+    of these models and a Gaussian process of what it got wrong so far. The next action has the highest ``mean + s``, in
+    the last call the highest mean.
 
     Args:
         setting: The optimisation.
@@ -40,11 +44,11 @@ class TransportPlan(Plan):
         self._calls = min(calls, setting.evaluations)
         self._models = models
         self._unit = finest(setting)
+        self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._asked: list[Float64s] = []
         self._told: dict[int, tuple[Transport, float]] = {}
-        self._failed: set[int] = set()
         self._uncompared: list[int] = []
-        self._errors: list[float] = []
+        self._errors: dict[int, float] = {}
         self._idle = 0
 
     def ask(self) -> Float64s | None:
@@ -56,8 +60,8 @@ class TransportPlan(Plan):
         self._compare()
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else CURIOSITY
         candidates = [self._best_place(curiosity)]
-        if self._told:
-            candidates.append(self._best_near(curiosity))
+        if self._told and not (curiosity and self._idle in ELSEWHERE and np.isfinite(candidates[0][0])):
+            candidates += self._best_near(curiosity)
         action = max(candidates, key=lambda found: found[0])[1]
         self._asked.append(action)
         return action
@@ -69,7 +73,6 @@ class TransportPlan(Plan):
             RequestError: The task does not say how outcomes move with the action.
         """
         if outcome is None:
-            self._failed.add(index)
             return
         problem, action = self._setting.problem, self._asked[index]
         transport = problem.task.transport(problem.state, action, outcome.heights)
@@ -86,20 +89,31 @@ class TransportPlan(Plan):
     def _best_place(self, curiosity: float) -> tuple[float, Float64s]:
         """Return the best of the cheap models' places, and its score."""
         places = self._places
-        bias, width = self._correction()
-        mean, deviation = places.rewards + bias, width * places.widths
+        mean, deviation = self._corrected()
         if self._told:
-            apart = best_apart(places.actions, mean + curiosity * deviation, FAR_PLACES, SPREAD / 2 * self._unit)
+            asked = np.stack(self._asked)
+            gaps = (((places.actions[:, None] - asked) / (SPREAD * self._unit)) ** 2).sum(axis=2).min(axis=1)
+            new = np.flatnonzero(gaps >= 1)
+            if not len(new):
+                return -np.inf, places.actions[0]
+            bound = (mean + curiosity * deviation)[new]
+            apart = new[best_apart(places.actions[new], bound, FAR_PLACES, SPREAD / 2 * self._unit)]
             actions = places.actions[apart]
-            mean, deviation = self._fuse(actions, prior=(mean[apart], deviation[apart]))
+            mean, deviation = mean[apart], deviation[apart]
         else:
             actions = places.actions
         scores = self._scores(actions, mean, deviation, curiosity)
         return float(scores.max()), actions[int(scores.argmax())]
 
-    def _best_near(self, curiosity: float) -> tuple[float, Float64s]:
-        """Return the best action in nested grids around the best simulated one, and its score."""
-        centre = self._asked[max(self._told, key=lambda index: self._told[index][1])]
+    def _best_near(self, curiosity: float) -> list[tuple[float, Float64s]]:
+        """Return the best action in nested grids around each of the best simulated ones, with its score."""
+        actions = np.stack([self._asked[index] for index in self._told])
+        rewards = np.array([reward for _, reward in self._told.values()])
+        peaks = best_apart(actions, rewards, PEAKS, SPREAD * self._unit)
+        return [self._climb(actions[peak], curiosity) for peak in peaks]
+
+    def _climb(self, centre: Float64s, curiosity: float) -> tuple[float, Float64s]:
+        """Return the best action in nested grids around a simulated one, and its score."""
         score = -np.inf
         for step, side in GRIDS:
             actions = around(centre[None], step * self._unit, side=side, limits=self._setting.problem.limits)
@@ -108,13 +122,10 @@ class TransportPlan(Plan):
                 score, centre = float(scores.max()), actions[int(scores.argmax())]
         return score, centre
 
-    def _fuse(self, actions: Float64s, prior: tuple[Float64s, Float64s] | None = None) -> tuple[Float64s, Float64s]:
+    def _fuse(self, actions: Float64s) -> tuple[Float64s, Float64s]:
         """Return mean and standard deviation of the rewards of actions ``(B, n)``."""
         weighted, weights = np.zeros(len(actions)), np.zeros(len(actions))
-        if prior is not None:
-            weights += 1 / prior[1] ** 2
-            weighted += weights * prior[0]
-        for index in self._told if prior is not None else self._around(actions.mean(axis=0)):
+        for index in self._around(actions.mean(axis=0)):
             transport = self._told[index][0]
             weight = 1 / transport.errors(actions) ** 2
             weighted += weight * transport.rewards(actions, self._setting.problem.target)
@@ -137,17 +148,25 @@ class TransportPlan(Plan):
         return scores
 
     def _compare(self) -> None:
-        """Ask the cheap model about what was simulated since the last time."""
-        if self._places.model and self._uncompared:
-            actions = np.stack([self._asked[index] for index in self._uncompared])
-            cheap = self._setting.survey.rewards(self._places.model, actions)
-            if cheap is not None:
-                rewards = np.array([self._told[index][1] for index in self._uncompared])
-                self._errors += (rewards - cheap).tolist()
+        """Ask the cheap model about what was simulated since the last time; without one its rewards are 0."""
+        if not self._uncompared:
+            return
+        actions = np.stack([self._asked[index] for index in self._uncompared])
+        model = self._places.model
+        cheap = self._setting.survey.rewards(model, actions) if model else np.zeros(len(actions))
+        if cheap is not None:
+            rewards = np.array([self._told[index][1] for index in self._uncompared])
+            self._errors.update(zip(self._uncompared, (rewards - cheap).tolist(), strict=True))
         self._uncompared.clear()
 
-    def _correction(self) -> tuple[float, float]:
-        """Return the cheap model's bias and the standard deviation of what is left [m], from what calls have shown."""
-        count, errors = len(self._errors), np.array(self._errors)
-        bias = float(errors.sum()) / (count + 1)
-        return bias, float(np.sqrt((WIDTH**2 + ((errors - bias) ** 2).sum()) / (count + 1)))
+    def _corrected(self) -> tuple[Float64s, Float64s]:
+        """Return mean and standard deviation of the rewards at the places, corrected by what calls have shown [m]."""
+        places, scale = self._places, self._range
+        known = [index for index in self._told if index in self._errors]
+        found, deviation = discrepancy(
+            np.array([self._asked[index] for index in known]).reshape(-1, len(scale)) / scale,
+            np.array([self._errors[index] for index in known]),
+            [asked / scale for index, asked in enumerate(self._asked) if index not in self._errors],
+            places.actions / scale,
+        )
+        return places.rewards + found, deviation * places.widths

@@ -29,6 +29,8 @@ BUDGETED: dict[str, Callable[[int], Strategy]] = {
 }
 """Strategies that take ``:calls=<number>``."""
 
+DEFAULT = "quality"
+"""See docs/decisions for why; the paper's strategy is ``threshold``."""
 MOST_CALLS = 5000
 FORMS = ", ".join([*STRATEGIES, *(f"{name}:calls=<number>" for name in BUDGETED), "only:<model>"])
 

@@ -73,14 +73,18 @@ class OptimizeRequest(Request):
         description="Smallest and largest value of each action parameter [m], within the task's; null: those.",
     )
     strategy: str = Field(
-        default="threshold",
+        default="quality",
         min_length=1,
         max_length=100,
-        description="Which model evaluates an action: threshold (the cheapest whose MDE knows such inputs and "
-        "estimates a deviation below d_max, else the trusted one), threshold:upper (the same by the estimate's upper "
-        "bound), random, or only:<model>.",
+        description="Which actions are evaluated, and by which model: quality, balanced and fast (at most 12, 6 and 3 "
+        "calls of the trusted model, led by the cheap ones), transport:calls=<number> and residual:calls=<number> (any "
+        "budget), threshold (the paper's: each action by the cheapest model whose MDE knows such inputs and estimates "
+        "a deviation below d_max, else by the trusted one), threshold:upper (the same by the estimate's upper bound), "
+        "random, or only:<model>.",
     )
-    evaluations: int = Field(default=50, ge=1, le=5000, description="How many actions to evaluate.")
+    evaluations: int = Field(
+        default=50, ge=1, le=5000, description="How many actions to evaluate; strategies with a budget stop at theirs."
+    )
     in_flight: int = Field(default=1, ge=1, le=64, description="How many evaluations run at the same time.")
     seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of every random choice.")
     d_max: float = Field(
@@ -132,7 +136,9 @@ class OptimizeReply(Reply):
     )
     heights: Array = Field(description="Predicted heightmap (H, W) after that action [m].")
     trials: tuple[TrialMessage, ...] = Field(description="Every evaluated action, in the order of asking.")
-    usage: dict[str, int] = Field(description="Number of trials by model.")
+    usage: dict[str, int] = Field(
+        description="Number of evaluated actions by model: trials, and what strategies asked cheap models in sweeps."
+    )
     models: dict[str, str] = Field(description="Version of every model that was used.")
     split_s: dict[str, float] = Field(description="Time by model, and for mde, optimiser and transport [s].")
     wall_s: float = Field(description="Duration of the whole optimisation [s].")

@@ -24,7 +24,12 @@ from services.cli.asking import find_case, say
 
 @click.command()
 @click.argument("scene")
-@click.option("--strategy", default="threshold", show_default=True, help="threshold, only:<model>, random, ...")
+@click.option(
+    "--strategy",
+    default="quality",
+    show_default=True,
+    help="quality, balanced, fast, transport:calls=N, residual:calls=N, threshold (the paper's), only:<model>, random.",
+)
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
 @click.option("--in-flight", type=click.IntRange(1, 64), default=1, show_default=True, help="Evaluations at a time.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
@@ -79,7 +84,9 @@ def _show(bar: Progress, row: TaskID) -> Callable[[Step], None]:
     best: list[float] = []
 
     def show(step: Step) -> None:
-        if step.kind == "trial" and step.trial is not None:
+        if step.kind == "accepted":
+            bar.update(row, total=step.evaluations)
+        elif step.kind == "trial" and step.trial is not None:
             if step.trial.reward is not None:
                 best[:] = [max([step.trial.reward, *best])]
             text = f"best {-best[0] * 1e3:.2f} mm, {step.trial.model}/{step.trial.instance}" if best else ""

@@ -70,7 +70,13 @@ class System:
 
     def optimize(self, state: State, **options: object) -> Result:
         target = HeuristicModel().predict(state, np.array([[0.012, -0.008]])).heights[0]
-        fields = {"state": StateMessage.of(state), "target": Array.of(target), "evaluations": 16} | options
+        fields = {
+            "state": StateMessage.of(state),
+            "target": Array.of(target),
+            "strategy": "threshold",
+            "evaluations": 16,
+        }
+        fields |= options
         return client.optimize(self.session, OptimizeRequest.model_validate(fields), timeout_s=60).result()
 
     def _wait(self, is_so: Callable[[set[str]], bool]) -> None:

@@ -22,8 +22,8 @@ STATE = make_state()
 
 
 def make_request(**changes: object) -> OptimizeRequest:
-    fields = {"state": StateMessage.of(STATE), "target": Array.of(STATE.scene.heights), "evaluations": 5, **changes}
-    return OptimizeRequest.model_validate(fields)
+    fields = {"state": StateMessage.of(STATE), "target": Array.of(STATE.scene.heights)}
+    return OptimizeRequest.model_validate({**fields, "strategy": "threshold", "evaluations": 5, **changes})
 
 
 class Steps:

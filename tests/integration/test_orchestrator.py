@@ -30,6 +30,7 @@ STATE = make_state()
 TRUE_ACTION = (0.0123, -0.0057)
 TARGET = Tilted().predict(STATE, np.array([TRUE_ACTION])).heights[0]
 EVALUATIONS = 24
+LOOP = {"strategy": "threshold", "evaluations": EVALUATIONS, "seed": 7}
 
 
 class System:
@@ -80,14 +81,14 @@ def system(shared: System) -> Iterator[System]:
 
 
 def a_request(**options: object) -> OptimizeRequest:
-    fields = {"state": StateMessage.of(STATE), "target": Array.of(TARGET), "evaluations": EVALUATIONS, "seed": 7}
+    fields = {"state": StateMessage.of(STATE), "target": Array.of(TARGET), **LOOP}
     return OptimizeRequest.model_validate(fields | options)
 
 
 def locally(*, in_flight: int) -> Result:
     problem = Problem(TASKS["plating"], STATE, TARGET)
     model = Tilted("simulator")
-    return optimize(problem, {"simulator": model}, {}, evaluations=EVALUATIONS, seed=7, in_flight=in_flight)
+    return optimize(problem, {"simulator": model}, {}, **LOOP, in_flight=in_flight)
 
 
 def what(trials: tuple[Trial, ...]) -> list[tuple[object, ...]]:

@@ -96,7 +96,7 @@ def test_the_orchestrator_uses_as_many_simulators_as_there_are(
     simulators = running(containers, "simulator")
     assert len(simulators) == replicas
     containers.wait_until(lambda: hosts(workers(containers, "simulator")) == simulators)
-    result, trials = optimize(containers, tmp_path, "--evaluations", "4", "--in-flight", "2")
+    result, trials = optimize(containers, tmp_path, "--strategy", "threshold", "--evaluations", "4", "--in-flight", "2")
     assert result["usage"] == {"simulator": 4}
     assert hosts(trials) == simulators
 

@@ -31,7 +31,7 @@ def run(models=None, estimators=None, **options) -> Result:
         PROBLEM,
         {model.name: model for model in models},
         {estimator.model: estimator for estimator in estimators},
-        **{"evaluations": 10, **options},
+        **{"strategy": "threshold", "evaluations": 10, **options},
     )
 
 

@@ -82,7 +82,7 @@ def test_a_refusal_reaches_every_evaluation_of_the_round():
 def test_actions_asked_together_are_estimated_together_and_go_to_different_models():
     estimator = Recording(mean=lambda x: 0.2 if x < 0 else 0.6)
     models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
-    result = optimize(PROBLEM, models, {"heuristic": estimator}, evaluations=8, in_flight=8)
+    result = optimize(PROBLEM, models, {"heuristic": estimator}, strategy="threshold", evaluations=8, in_flight=8)
     assert [len(batch) for batch in estimator.batches] == [8]
     assert set(result.usage) == {"heuristic", "simulator"}
     assert all(trial.model == ("heuristic" if trial.action[0] < 0 else "simulator") for trial in result.trials)
@@ -91,7 +91,7 @@ def test_actions_asked_together_are_estimated_together_and_go_to_different_model
 def test_one_evaluation_at_a_time_means_one_action_a_batch():
     estimator = Recording()
     models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
-    optimize(PROBLEM, models, {"heuristic": estimator}, evaluations=9)
+    optimize(PROBLEM, models, {"heuristic": estimator}, strategy="threshold", evaluations=9)
     assert [len(batch) for batch in estimator.batches] == [1] * 9
 
 
@@ -99,7 +99,7 @@ def test_one_evaluation_at_a_time_means_one_action_a_batch():
 def test_unfamiliar_inputs_go_to_the_trusted_model_and_are_seen_in_the_result(in_flight: int):
     models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
     estimators = {"heuristic": FakeEstimator(familiar=False)}
-    result = optimize(PROBLEM, models, estimators, evaluations=8, in_flight=in_flight)
+    result = optimize(PROBLEM, models, estimators, strategy="threshold", evaluations=8, in_flight=in_flight)
     assert result.usage == {"simulator": 8}
     assert all(trial.unfamiliar == ("heuristic",) for trial in result.trials)
     assert [(event.kind, event.worker) for event in result.events] == [("unfamiliar", "mde/heuristic")]
@@ -107,7 +107,7 @@ def test_unfamiliar_inputs_go_to_the_trusted_model_and_are_seen_in_the_result(in
 
 def test_trials_keep_mean_and_upper_bound():
     models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
-    result = optimize(PROBLEM, models, {"heuristic": FakeEstimator(margin=0.25)}, evaluations=3)
+    result = optimize(PROBLEM, models, {"heuristic": FakeEstimator(margin=0.25)}, strategy="threshold", evaluations=3)
     assert all(trial.estimates == {"heuristic": 0.1} for trial in result.trials)
     assert all(trial.uppers == {"heuristic": pytest.approx(0.35)} for trial in result.trials)
     assert all(trial.unfamiliar == () for trial in result.trials)

@@ -1,6 +1,7 @@
 """What is released as one MDE: networks trained on different parts of the data, calibrated together."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from common.learning.weights import WeightsCard, load, read_card
 from services.mde.distance import mahalanobis
 from services.mde.familiarity import Familiarity
 from services.mde.network import DeviationNetwork, Encoding
+from services.mde.network_crop import CropNetwork
+from services.mde.stacked_crop import StackedCrop
 from services.mde.variants import VARIANTS
 
 
@@ -65,23 +68,51 @@ class Ensemble(nn.Module):
         """The members."""
         return [member for member in self.members if isinstance(member, DeviationNetwork)]
 
-    @torch.inference_mode()
     def encode(self, scene: Tensor, item: Tensor) -> list[Encoding]:
         """Return each member's encoding of states, see `DeviationNetwork.encode`."""
         return [member.encode(scene, item) for member in self.networks]
 
-    @torch.inference_mode()
-    def estimate(self, encodings: list[Encoding], actions: NDArray[np.float64]) -> RawEstimates:
-        """Estimate the deviations for actions ``(B, 2)`` [m]."""
-        medians, gaps, distances = [], [], []
+    def estimate(self, encodings: list[Encoding], actions: NDArray[np.float64]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return medians, gaps and distances, 1 at the limit, ``(K, B)`` each, for actions ``(B, 2)`` [m]."""
+        parts = []
         for index, (member, encoding) in enumerate(zip(self.networks, encodings, strict=True)):
             descriptions = member.describe(encoding, actions)
-            median, gap = member.estimate(descriptions)
-            medians.append(median)
-            gaps.append(gap)
-            distances.append(mahalanobis(descriptions, self.means[index], self.whitenings[index]) / self.limits[index])
-        parts = (torch.stack(values).mean(dim=0).double().numpy() for values in (medians, gaps, distances))
-        return RawEstimates(*parts)
+            distance = mahalanobis(descriptions, self.means[index], self.whitenings[index]) / self.limits[index]
+            parts.append((*member.estimate(descriptions), distance))
+        medians, gaps, distances = (torch.stack(values) for values in zip(*parts, strict=True))
+        return medians, gaps, distances
+
+
+class Inference:
+    """A trained ensemble that answers: encodes states and estimates actions in them, no gradients kept.
+
+    Args:
+        ensemble: The networks, in evaluation mode.
+    """
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        crops = [member for member in ensemble.networks if isinstance(member, CropNetwork)]
+        self._stacked = None
+        if len(crops) == len(ensemble.networks):
+            self._stacked = StackedCrop(crops, ensemble.means, ensemble.whitenings, ensemble.limits)
+        self._ensemble = ensemble
+        self.pooling = ensemble.networks[0].pooling
+
+    @torch.inference_mode()
+    def encode(self, scene: Tensor, item: Tensor) -> Sequence[Encoding]:
+        """Encode one state from the `inputs` of scene and item."""
+        if self._stacked is not None:
+            return (self._stacked.encode(scene, item),)
+        return self._ensemble.encode(scene, item)
+
+    @torch.inference_mode()
+    def estimate(self, encodings: Sequence[Encoding], actions: NDArray[np.float64]) -> RawEstimates:
+        """Estimate the deviations for actions ``(B, 2)`` [m]."""
+        if self._stacked is not None:
+            found = self._stacked.estimate(encodings[0], actions)
+        else:
+            found = self._ensemble.estimate(list(encodings), actions)
+        return RawEstimates(*(values.mean(dim=0).double().numpy() for values in found))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import threading
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator, Estimates
 from common.domain.scene import State
-from services.mde.ensemble import Calibrated, load_ensemble
+from services.mde.ensemble import Calibrated, Inference, load_ensemble
 from services.mde.network import Encoding, inputs
 
 STATES = 32
@@ -27,7 +28,7 @@ FAR = "action: expected a situation like those of the training data, got one at 
 class _Known:
     """What depends on the state alone."""
 
-    encodings: list[Encoding]
+    encodings: Sequence[Encoding]
     complaint: str
 
 
@@ -51,6 +52,7 @@ class NetworkEstimator(DeviationEstimator):
         self.version = calibrated.card.version
         self.weights = calibrated.card.sha256
         self._calibrated = calibrated
+        self._inference = Inference(calibrated.ensemble)
         self._known: OrderedDict[str, _Known] = OrderedDict()
         self._turn = threading.Lock()
 
@@ -62,7 +64,7 @@ class NetworkEstimator(DeviationEstimator):
                 ones = np.ones(len(actions))
                 return Estimates(ones, ones, ones < 1, known.complaint)
             parts = [
-                self._calibrated.ensemble.estimate(known.encodings, actions[start : start + CHUNK])
+                self._inference.estimate(known.encodings, actions[start : start + CHUNK])
                 for start in range(0, len(actions), CHUNK)
             ]
         median = np.concatenate([part.median for part in parts])
@@ -87,11 +89,10 @@ class NetworkEstimator(DeviationEstimator):
         complaint = self._calibrated.familiarity.complaint(state)
         if state.grid != self._calibrated.familiarity.grid:
             return _Known([], complaint)
-        ensemble = self._calibrated.ensemble
-        pooling = ensemble.networks[0].pooling
+        pooling = self._inference.pooling
         scene = inputs(state.scene.heights[None], state.scene.materials[None], pooling)
         item = inputs(state.item.heights[None], state.item.materials[None], pooling)
-        return _Known(ensemble.encode(scene, item), complaint)
+        return _Known(self._inference.encode(scene, item), complaint)
 
 
 def read_estimator(folder: Path, *, model: str, threads: int | None = None) -> NetworkEstimator:

@@ -22,6 +22,10 @@ class CropNetwork(DeviationNetwork):
     f and g are computed once a state, at a quarter of the grid's resolution. The window around the action is bilinear
     between cells, so that the estimate is continuous in the action.
 
+    Attributes:
+        size: Edge of the window [cells of `coarse`].
+        coarse: The grid of the feature map of the scene.
+
     Args:
         grid: The grid of the states.
         channels: Channels of f and g at a half and at a quarter of the resolution, then of the joint convolutions,
@@ -51,7 +55,7 @@ class CropNetwork(DeviationNetwork):
         if grid.rows % 4 or grid.columns % 4 or min(grid.shape) < 4 * size:
             raise RequestError(f"expected a grid of multiples of 4 cells, {4 * size} at least, got {grid}")
         self.size = size
-        self._coarse = Grid(grid.rows // 4, grid.columns // 4, 4 * grid.cell)
+        self.coarse = Grid(grid.rows // 4, grid.columns // 4, 4 * grid.cell)
         self.scene, self.item = _encoder(*channels[:2]), _encoder(*channels[:2])
         joint: list[nn.Module] = []
         for come, go in pairwise(channels[1:]):
@@ -68,7 +72,7 @@ class CropNetwork(DeviationNetwork):
     def describe(self, encoding: Encoding, actions: NDArray[np.float64]) -> Tensor:
         """Return what the windows around the actions are described by ``(B, F)``."""
         scene, item = encoding
-        first = torch.from_numpy(centred_first(actions, self._coarse, self.size))
+        first = torch.from_numpy(centred_first(actions, self.coarse, self.size))
         seen = self.joint(window(scene, first, self.size) + item)
         return self.head(torch.cat([seen.mean(dim=(2, 3)), seen.amax(dim=(2, 3))], dim=1))
 

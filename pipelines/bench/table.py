@@ -31,7 +31,7 @@ ROWS: tuple[tuple[str, tuple[tuple[str, float, str], ...]], ...] = (
         "1 mm of action: calm, all",
         (("shift_1mm_rms_median_m", 1e3, "mm"), ("shift_1mm_rms_median_all_m", 1e3, "mm")),
     ),
-    ("Newton VBD, MuJoCo flex: times as long", (("vbd_time_ratio", 1, ""), ("flex_time_ratio", 1, ""))),
+    ("Newton VBD, MuJoCo flex to rest or 1 s: times as long", (("vbd_time_ratio", 1, ""), ("flex_time_ratio", 1, ""))),
 )
 """What a row is called -> key, factor and unit of its figures."""
 

@@ -17,7 +17,7 @@ SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
 DOZEN = 12
-MOST_PLACES = 128
+MOST_PLACES = 64
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def find_places(setting: Setting, *, models: int) -> Places:
         better = _look_closer(setting, name, known, unit)
         if better is not None:
             known, model = better, name
-    chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), SPREAD * unit)
+    chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit)
     actions = known[0][chosen]
     return Places(actions, known[1][chosen], relative_widths(setting, model, actions), model)
 

@@ -56,6 +56,7 @@ def release(
         samples.scene_materials[first],
         samples.item_heights[first],
         samples.item_materials[first],
+        actions=samples.actions,
     )
     d_max = declared_threshold(examples.deviations)
     metrics = {

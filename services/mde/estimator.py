@@ -21,6 +21,7 @@ STATES = 32
 CHUNK = 64
 """Actions that are computed together."""
 
+BEYOND = "action: expected one within {:.0f} mm of the plate's centre, got one at {:.0f} mm"
 FAR = "action: expected a situation like those of the training data, got one at {:.2f} times the largest distance"
 
 
@@ -70,9 +71,15 @@ class NetworkEstimator(DeviationEstimator):
         median = np.concatenate([part.median for part in parts])
         bound = median + self._calibrated.factor * np.concatenate([part.gap for part in parts])
         distance = np.concatenate([part.distance for part in parts])
-        mean = np.clip(median, 0, 1)
-        familiar = (distance <= 1) & (not known.complaint)
-        reason = known.complaint or ("" if familiar.all() else FAR.format(distance.max()))
+        mean, near = np.clip(median, 0, 1), self._calibrated.familiarity.reaches(actions)
+        familiar = near & (distance <= 1) & (not known.complaint)
+        reason = known.complaint
+        if not near.all():
+            reason = reason or BEYOND.format(
+                1e3 * self._calibrated.familiarity.reach_m, 1e3 * float(np.linalg.norm(actions, axis=1).max())
+            )
+        if not familiar.all():
+            reason = reason or FAR.format(distance.max())
         return Estimates(mean, np.clip(bound, mean, 1), familiar, reason)
 
     def _state(self, state: State) -> _Known:

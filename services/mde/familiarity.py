@@ -31,18 +31,27 @@ class Familiarity:
         plate: Median height of the bare plate in rings around the centre, `RING` wide ``(R,)`` [m].
         plate_misfit: Largest share of bare cells that are off the plate by more than `PLATE_TOLERANCE`.
         ranges: Smallest and largest value of each quantity of `quantities`.
+        reach_m: Largest distance of an action from the plate's centre [m].
     """
 
     grid: Grid
     plate: tuple[float, ...]
     plate_misfit: float
     ranges: dict[str, tuple[float, float]]
+    reach_m: float
 
     @classmethod
     def of(
-        cls, grid: Grid, heights: Floats, materials: Floats, item_heights: Floats, item_materials: Floats
+        cls,
+        grid: Grid,
+        heights: Floats,
+        materials: Floats,
+        item_heights: Floats,
+        item_materials: Floats,
+        *,
+        actions: Floats,
     ) -> "Familiarity":
-        """Return what states cover: scenes ``(S, H, W)``, ``(S, 3, H, W)`` and items alike."""
+        """Return what states and actions cover: scenes ``(S, H, W)``, ``(S, 3, H, W)``, items alike, ``(N, 2)`` [m]."""
         rings, bare = _rings(grid), _is_bare(materials)
         seen = {ring: heights[:, rings == ring][bare[:, rings == ring]] for ring in range(int(rings.max()) + 1)}
         known = {ring: float(np.median(values)) for ring, values in seen.items() if values.size}
@@ -57,7 +66,8 @@ class Familiarity:
         ranges = {
             name: (min(low for low, _ in pairs), max(high for _, high in pairs)) for name, pairs in values.items()
         }
-        return cls(grid, tuple(plate.tolist()), max(misfits), ranges)
+        reach_m = float(np.hypot(actions[:, 0], actions[:, 1]).max())
+        return cls(grid, tuple(plate.tolist()), max(misfits), ranges, reach_m)
 
     def complaint(self, state: State) -> str:
         """Return in what a state differs from all that is covered, empty if in nothing."""
@@ -81,9 +91,18 @@ class Familiarity:
                 return f"{name}: expected {least:.4g} to {most:.4g}, got {low:.4g} to {high:.4g}"
         return ""
 
+    def reaches(self, actions: Floats) -> NDArray[np.bool_]:
+        """Return which actions ``(B, 2)`` [m] are as near to the plate's centre as those that are covered."""
+        return np.hypot(actions[:, 0], actions[:, 1]) <= (1 + RANGE_MARGIN) * self.reach_m
+
     def statistics(self) -> dict[str, Any]:
         """Return everything but the grid, ready for JSON."""
-        return {"plate": list(self.plate), "plate_misfit": self.plate_misfit, "ranges": self.ranges}
+        return {
+            "plate": list(self.plate),
+            "plate_misfit": self.plate_misfit,
+            "ranges": self.ranges,
+            "reach_m": self.reach_m,
+        }
 
     @classmethod
     def from_statistics(cls, grid: Grid, statistics: dict[str, Any]) -> "Familiarity":
@@ -96,7 +115,7 @@ class Familiarity:
         if len(plate) != int(_rings(grid).max()) + 1:
             raise ValueError(f"expected a plate of {int(_rings(grid).max()) + 1} rings, got {len(plate)}")
         ranges = {str(name): (float(low), float(high)) for name, (low, high) in statistics["ranges"].items()}
-        return cls(grid, plate, float(statistics["plate_misfit"]), ranges)
+        return cls(grid, plate, float(statistics["plate_misfit"]), ranges, float(statistics["reach_m"]))
 
 
 def quantities(

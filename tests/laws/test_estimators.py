@@ -135,6 +135,15 @@ def test_a_stiffness_outside_the_range_is_unfamiliar_and_says_why(network: Devia
     assert "Young's modulus" in estimates.reason
 
 
+def test_an_action_further_out_than_all_others_is_unfamiliar_and_says_why(
+    network: DeviationEstimator, dataset: Dataset
+):
+    actions = np.array([[0.0, 0.01], [0.075, 0.075]])
+    estimates = network.estimate(dataset.state("train", 0), actions)
+    assert not estimates.familiar[1]
+    assert "mm of the plate's centre, got one at 106 mm" in estimates.reason
+
+
 def test_most_of_what_it_learned_from_is_familiar(network: DeviationEstimator, dataset: Dataset):
     samples = dataset.samples("train")
     flags = [

@@ -34,6 +34,7 @@ def known() -> Familiarity:
                 *((s.scene.heights, s.scene.materials, s.item.heights, s.item.materials) for s in STATES), strict=True
             )
         ),
+        actions=np.array([[0.05, 0.0], [-0.03, 0.04], [0.01, -0.06]]),
     )
 
 
@@ -98,6 +99,11 @@ def test_an_item_thicker_than_all_others_is_named(known: Familiarity):
 def test_a_scene_without_fries_is_named_by_its_area(known: Familiarity):
     empty = Scene(GRID, dinner_plate().heightmap(GRID), np.zeros((3, *GRID.shape), np.float32))
     assert "fries' area" in known.complaint(State(empty, STATES[0].item))
+
+
+def test_actions_further_out_than_all_others_are_not_covered(known: Familiarity):
+    actions = np.array([[0.0, 0.0], [0.04, 0.04], [0.0, 0.062], [0.0, 0.07], [-0.05, 0.05]])
+    assert known.reaches(actions).tolist() == [True, True, True, False, False]
 
 
 def test_it_survives_a_card(known: Familiarity):

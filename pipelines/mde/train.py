@@ -26,6 +26,7 @@ Report = Callable[[int, Epoch], None]
 TRAINING = TrainingSettings(
     epochs=60, batch=32, learning_rate=2e-3, weight_decay=0.2, patience=60, threads=1, bfloat16=True
 )
+COVERAGE = 0.9
 HELD_OUT = 0.15
 """Share of the states that a single member does not see."""
 
@@ -47,22 +48,27 @@ class EnsembleSettings:
     variant: str = "crop"
     network: Mapping[str, Any] = field(default_factory=dict[str, Any])
     members: int = 4
-    coverage: float = 0.9
+    coverage: float = COVERAGE
     familiar: float = 0.99
     training: TrainingSettings = TRAINING
 
 
-def default_settings(variant: str, *, seed: int) -> EnsembleSettings:
-    """Return how the released networks of a variant are trained: ours as an ensemble, the paper's as one network."""
+def default_settings(
+    variant: str, *, seed: int, epochs: int | None = None, coverage: float = COVERAGE
+) -> EnsembleSettings:
+    """Return how the released networks of a variant are trained: ours as an ensemble, the paper's as one network.
+
+    Args:
+        variant: Name of the network.
+        seed: Seed of everything random.
+        epochs: Passes over the data, None: the usual number.
+        coverage: Share of new samples for which the upper bound is to hold.
+    """
     training = replace(TRAINING, seed=seed)
-    return EnsembleSettings(variant=variant, members=1 if variant == "paper" else 4, training=training)
-
-
-def with_epochs(settings: EnsembleSettings, epochs: int | None) -> EnsembleSettings:
-    """Return settings with another number of epochs; the same if it is None."""
-    if epochs is None:
-        return settings
-    return replace(settings, training=replace(settings.training, epochs=epochs, patience=epochs))
+    if epochs is not None:
+        training = replace(training, epochs=epochs, patience=epochs)
+    members = 1 if variant == "paper" else 4
+    return EnsembleSettings(variant=variant, members=members, coverage=coverage, training=training)
 
 
 @dataclass(frozen=True)

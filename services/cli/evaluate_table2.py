@@ -8,7 +8,7 @@ import click
 
 from services.cli.asking import say
 from services.cli.progress import bars
-from services.cli.train_mde import DATA
+from services.cli.train_mde import COVERAGE, DATA
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -26,6 +26,7 @@ COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_
 @click.option("--variant", "variants", multiple=True, default=("paper", "crop"), show_default=True)
 @click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True, help="Trainings of each network.")
 @click.option("--epochs", type=click.IntRange(1, 10_000), help="Passes over the data [default: the variant's].")
+@COVERAGE
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/table2"), show_default=True, help="Weights and results."
 )
@@ -41,6 +42,7 @@ def table2(
     variants: tuple[str, ...],
     seeds: int,
     epochs: int | None,
+    coverage: float,
     out: Path,
     maps: int,
     map_actions: int,
@@ -57,7 +59,7 @@ def table2(
     from pipelines.evaluate.table2_runs import Run, find_weights, judge, write_runs
     from pipelines.figures import save_figure
     from pipelines.mde.examples import deviation_scale
-    from pipelines.mde.train import default_settings, with_epochs
+    from pipelines.mde.train import default_settings
     from services.cli.released import released
 
     dataset = Dataset.open(data)
@@ -69,7 +71,7 @@ def table2(
             subject = find_subject(dataset, name, progress)
             for variant in variants:
                 for seed in range(seeds):
-                    settings = with_epochs(default_settings(variant, seed=seed), epochs)
+                    settings = default_settings(variant, seed=seed, epochs=epochs, coverage=coverage)
                     row = progress.add_task(
                         f"{subject.name} {variant} {seed}", total=settings.members * settings.training.epochs
                     )

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 
     from common.storage.dataset import Dataset
 
+COVERAGE = click.option(
+    "--coverage",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.9,
+    show_default=True,
+    help="Share of new samples for which the upper bound is to hold.",
+)
 DATA = click.option(
     "--data", type=click.Path(path_type=Path), default=Path("data/sim-v1"), show_default=True, help="The data set."
 )
@@ -30,6 +37,7 @@ DATA = click.option(
 @click.option("--variant", type=click.Choice(["crop", "paper"]), default="crop", show_default=True, help="The network.")
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
 @click.option("--epochs", type=click.IntRange(1, 10_000), help="Passes over the data [default: the variant's].")
+@COVERAGE
 @click.option(
     "--deviations",
     type=click.Path(path_type=Path),
@@ -37,7 +45,15 @@ DATA = click.option(
     "[default for learned: deviations.npz beside its weights].",
 )
 def mde(
-    *, model: str, data: Path, out: Path | None, variant: str, seed: int, epochs: int | None, deviations: Path | None
+    *,
+    model: str,
+    data: Path,
+    out: Path | None,
+    variant: str,
+    seed: int,
+    epochs: int | None,
+    coverage: float,
+    deviations: Path | None,
 ) -> None:
     """Train the MDE of a model: how far it is from the simulator, learned from a data set of simulated placements.
 
@@ -47,10 +63,10 @@ def mde(
     from common.storage.dataset import Dataset
     from pipelines.mde.examples import deviation_scale
     from pipelines.mde.release import release
-    from pipelines.mde.train import default_settings, with_epochs
+    from pipelines.mde.train import default_settings
 
     began, dataset = time.perf_counter(), Dataset.open(data)
-    settings = with_epochs(default_settings(variant, seed=seed), epochs)
+    settings = default_settings(variant, seed=seed, epochs=epochs, coverage=coverage)
     with bars() as progress:
         name, version, deviation_m = find_deviations(dataset, model, deviations, progress)
         folder = out or Path("models") / f"mde_{name}"

@@ -27,12 +27,12 @@ def test_the_demo_writes_its_results_and_leaves_no_process(tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert "all processes stopped" in done.stderr
     result = json.loads((tmp_path / "demo" / "result.json").read_text())
-    assert result["usage"]["simulator"] == 10
+    assert 1 <= result["usage"]["simulator"] <= 10  # fewer where the last calls gained nothing
     assert result["usage"]["heuristic"] > 100  # its sweep over the plate
     assert result["action_error_m"] < 0.05
     assert {"heuristic", "simulator", "mde", "optimiser", "transport"} == set(result["split_s"])
     trials = [json.loads(line) for line in (tmp_path / "demo" / "trials.jsonl").read_text().splitlines()]
-    assert len(trials) == 10
+    assert len(trials) == result["usage"]["simulator"]
     assert all(trial["instance"] in ("simulator-1", "simulator-2") for trial in trials)
     assert (tmp_path / "demo" / "placement.png").stat().st_size > 10_000
     logs = {path.stem for path in (tmp_path / "demo" / "logs").iterdir()}

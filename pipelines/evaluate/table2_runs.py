@@ -8,35 +8,18 @@ from statistics import median
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.domain.errors import ModelError
 from common.domain.scene import State
 from common.learning.weights import read_card
 from common.storage.dataset import Dataset
 from pipelines.mde.release import deviations_digest, release
+from pipelines.mde.subject import Subject
 from pipelines.mde.train import EnsembleSettings, Report, settings_card
 from services.mde.estimator import NetworkEstimator, read_estimator
 
 BATCH = 16
 """Actions in the batches that are timed."""
-
-
-@dataclass(frozen=True)
-class Subject:
-    """A model whose MDEs are measured.
-
-    Attributes:
-        name: Its name.
-        version: Its version.
-        train_m: Deviations that its MDEs learn from ``(N,)`` [m].
-        test_m: Its deviations on the test samples ``(M,)`` [m].
-    """
-
-    name: str
-    version: str
-    train_m: NDArray[np.float64]
-    test_m: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from common.domain.errors import RequestError
 from common.storage.dataset import Dataset
+from common.storage.dataset_card import Split
+
+
+class OtherSamplesError(RequestError):
+    """Deviations are those of other samples than a data set's."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +34,34 @@ class CrossFitted:
 def read_deviations(path: Path, dataset: Dataset) -> CrossFitted:
     """Read what the training of a model left for its MDE.
 
+    The file holds ``deviation_m`` ``(N,)`` and ``test_deviation_m`` ``(M,)`` [m]. If it holds ``actions`` ``(N, 2)``
+    and ``test_actions`` ``(M, 2)`` too, they tell which samples these are, and a data set may have fewer: its samples
+    are then the first ones.
+
     Raises:
-        RequestError: There is no such file, it is something else, or it belongs to another data set.
+        OtherSamplesError: It says that it belongs to another data set.
+        RequestError: There is no such file, or it is something else.
     """
     try:
         with np.load(path) as file:
-            train, test = (np.asarray(file[name], dtype=np.float64) for name in ("deviation_m", "test_deviation_m"))
-            version = str(file["version"]) if "version" in file else ""
+            fields = {name: np.asarray(file[name]) for name in file.files}
+        train = _of_split(path, fields, "", dataset, "train")
+        test = _of_split(path, fields, "test_", dataset, "test")
     except (OSError, KeyError, ValueError, BadZipFile) as error:
         raise RequestError(f"{path}: expected deviation_m and test_deviation_m, got {error}") from None
-    _check(path, "deviation_m", train, dataset.card.counts["train"])
-    _check(path, "test_deviation_m", test, dataset.card.counts["test"])
-    return CrossFitted(train, test, version)
+    return CrossFitted(train, test, str(fields.get("version", "")))
 
 
-def _check(path: Path, name: str, values: NDArray[np.float64], count: int) -> None:
+def _of_split(
+    path: Path, fields: dict[str, NDArray[np.generic]], prefix: str, dataset: Dataset, split: Split
+) -> NDArray[np.float64]:
+    """Return the deviations of one split's samples."""
+    name, count = f"{prefix}deviation_m", dataset.card.counts[split]
+    values = np.asarray(fields[name], dtype=np.float64)
+    if (known := fields.get(f"{prefix}actions")) is not None:
+        if not np.array_equal(known[:count], dataset.samples(split).actions):
+            raise OtherSamplesError(f"{path}: {name}: expected those of the data set's samples, got those of others")
+        values = values[:count]
     if values.shape != (count,) or not np.isfinite(values).all():
         raise RequestError(f"{path}: {name}: expected {count} finite numbers as in the data set, got {values.shape}")
+    return values

@@ -104,7 +104,7 @@ def release(
 
     Beside weights and card, ``deviations.npz`` holds what the model's MDE learns from: ``deviation_m`` ``(N,)`` of
     the training samples by cross-fitting, with ``fold`` and ``rmse_m``, and ``test_deviation_m`` ``(M,)`` of the
-    released weights; all in the order of ``dataset.samples``.
+    released weights; all in the order of ``dataset.samples``, and ``actions`` and ``test_actions`` that tell them.
     """
     samples, grid = dataset.samples("train"), dataset.card.grid.grid()
     windows = Windows.of(samples, grid, size=settings.network.window)
@@ -140,7 +140,12 @@ def release(
     folder.mkdir(parents=True, exist_ok=True)
     if crossed is not None:
         np.savez(
-            folder / DEVIATIONS, version=VERSION, test_deviation_m=deviation(learned, test.outcomes), **asdict(crossed)
+            folder / DEVIATIONS,
+            version=VERSION,
+            actions=samples.actions,
+            test_actions=test.actions,
+            test_deviation_m=deviation(learned, test.outcomes),
+            **asdict(crossed),
         )
     return save(folder, network.state_dict(), card)
 

@@ -8,13 +8,14 @@ import click
 
 from services.cli.asking import say
 from services.cli.progress import bars
-from services.cli.train_mde import COVERAGE, DATA
+from services.cli.train_mde import COVERAGE, DATA, find_deviations
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from common.storage.dataset import Dataset
-    from pipelines.evaluate.table2_runs import Subject
+    from pipelines.mde.subject import Subject
+    from pipelines.mde.train import EnsembleSettings
 
 COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_accept_rate", "bad_share", "recall")
 """What the table for people shows, besides coverage and d_max."""
@@ -34,6 +35,7 @@ COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_
 @click.option(
     "--map-actions", type=click.IntRange(3, 100), default=15, show_default=True, help="Actions along x and y."
 )
+@click.option("--released", "as_released", is_flag=True, help="Judge the released weights alone; nothing is trained.")
 @click.option("--json", "as_json", is_flag=True, help="All figures as JSON on standard output.")
 def table2(
     *,
@@ -46,6 +48,7 @@ def table2(
     out: Path,
     maps: int,
     map_actions: int,
+    as_released: bool,
     as_json: bool,
 ) -> None:
     """Measure the MDEs on the test samples: Table II, first row, with what accepting by them leads to.
@@ -56,39 +59,30 @@ def table2(
     from common.storage.dataset import Dataset
     from pipelines.evaluate.table2 import table2 as tabulate
     from pipelines.evaluate.table2_figures import draw_reliability
-    from pipelines.evaluate.table2_runs import Run, find_weights, judge, write_runs
+    from pipelines.evaluate.table2_runs import Run, judge, write_runs
     from pipelines.figures import save_figure
     from pipelines.mde.examples import deviation_scale
     from pipelines.mde.train import default_settings
     from services.cli.released import released
 
     dataset = Dataset.open(data)
-    scale_m = deviation_scale(dataset)
+    scale_m = 0.0 if as_released else deviation_scale(dataset)
     runs: list[Run] = []
     chosen: dict[str, Path] = {}
     with bars() as progress:
         for name in models:
-            subject = find_subject(dataset, name, progress)
+            subject = find_deviations(dataset, name, None, progress)
+            if as_released:
+                runs.append(judge(dataset, subject, chosen.setdefault(subject.name, released(f"mde_{subject.name}"))))
+                continue
             for variant in variants:
                 for seed in range(seeds):
                     settings = default_settings(variant, seed=seed, epochs=epochs, coverage=coverage)
-                    row = progress.add_task(
-                        f"{subject.name} {variant} {seed}", total=settings.members * settings.training.epochs
-                    )
-                    folder = find_weights(
-                        dataset,
-                        subject,
-                        settings,
-                        scale_m=scale_m,
-                        released=released(f"mde_{subject.name}"),
-                        work=out,
-                        report=lambda member, epoch, row=row: progress.advance(row),
-                    )
-                    progress.update(row, completed=settings.members * settings.training.epochs)
+                    folder = find_or_train(dataset, subject, settings, scale_m, out, progress)
                     runs.append(judge(dataset, subject, folder))
-                    chosen.setdefault(subject.name, folder)
                     if variant != "paper" and seed == 0:
                         chosen[subject.name] = folder
+                    chosen.setdefault(subject.name, folder)
         write_runs(out / "judgements.jsonl", runs)
         table = tabulate(runs)
         if maps:
@@ -102,19 +96,31 @@ def table2(
     say(f"written: {out / 'judgements.jsonl'}, {out / 'table2.json'}, {out / 'reliability.png'}")
 
 
-def find_subject(dataset: "Dataset", name: str, progress: "Progress") -> "Subject":
-    """Return a model with its deviations on both splits."""
-    from pipelines.evaluate.table2_runs import Subject
-    from pipelines.mde.crossfit import read_deviations
-    from pipelines.mde.examples import model_deviations
+def find_or_train(
+    dataset: "Dataset",
+    subject: "Subject",
+    settings: "EnsembleSettings",
+    scale_m: float,
+    work: Path,
+    progress: "Progress",
+) -> Path:
+    """Return the folder of weights with these settings; they are trained where there are none."""
+    from pipelines.evaluate.table2_runs import find_weights
     from services.cli.released import released
-    from services.cli.train_mde import find_deviations, find_model
 
-    if name == "learned":
-        crossfit = read_deviations(released("learned") / "deviations.npz", dataset)
-        return Subject(name, crossfit.version, crossfit.train_m, crossfit.test_m)
-    found, version, train_m = find_deviations(dataset, name, None, progress)
-    return Subject(found, version, train_m, model_deviations(dataset, "test", find_model(name)))
+    epochs = settings.members * settings.training.epochs
+    row = progress.add_task(f"{subject.name} {settings.variant} {settings.training.seed}", total=epochs)
+    folder = find_weights(
+        dataset,
+        subject,
+        settings,
+        scale_m=scale_m,
+        released=released(f"mde_{subject.name}"),
+        work=work,
+        report=lambda member, epoch: progress.advance(row),
+    )
+    progress.update(row, completed=epochs)
+    return folder
 
 
 def draw_maps(

@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from common.storage.dataset import Dataset
+    from pipelines.mde.subject import Subject
 
 COVERAGE = click.option(
     "--coverage",
@@ -68,16 +69,16 @@ def mde(
     began, dataset = time.perf_counter(), Dataset.open(data)
     settings = default_settings(variant, seed=seed, epochs=epochs, coverage=coverage)
     with bars() as progress:
-        name, version, deviation_m = find_deviations(dataset, model, deviations, progress)
-        folder = out or Path("models") / f"mde_{name}"
+        subject = find_deviations(dataset, model, deviations, progress)
+        folder = out or Path("models") / f"mde_{subject.name}"
         row = progress.add_task("epochs", total=settings.members * settings.training.epochs)
         card = release(
             dataset,
-            name,
-            deviation_m,
+            subject.name,
+            subject.train_m,
             folder,
             settings,
-            model_version=version,
+            model_version=subject.version,
             scale_m=deviation_scale(dataset),
             report=lambda member, epoch: progress.advance(row),
         )
@@ -88,20 +89,23 @@ def mde(
     )
 
 
-def find_deviations(dataset: "Dataset", model: str, path: Path | None, progress: "Progress") -> "tuple[str, str, Any]":
-    """Return a model's name, its version and its deviations from the training outcomes ``(N,)`` [m]."""
-    from pipelines.mde.crossfit import read_deviations
-    from pipelines.mde.examples import model_deviations
+def find_deviations(dataset: "Dataset", model: str, path: Path | None, progress: "Progress") -> "Subject":
+    """Return a model with its deviations: those in a file, those that the learned model brings, or new ones."""
+    from pipelines.mde.crossfit import OtherSamplesError, read_deviations
+    from pipelines.mde.subject import Subject
     from services.cli.released import released
 
     if path is not None or model == "learned":
-        crossfit = read_deviations(path or released("learned") / "deviations.npz", dataset)
-        return model, crossfit.version, crossfit.train_m
-    found = find_model(model)
-    count = len(dataset.samples("train"))
-    row = progress.add_task(f"predictions of {found.name}", total=count)
-    deviation_m = model_deviations(dataset, "train", found, report=lambda done: progress.update(row, completed=done))
-    return found.name, found.version, deviation_m
+        try:
+            crossfit = read_deviations(path or released(model) / "deviations.npz", dataset)
+        except OtherSamplesError:
+            if path is not None:
+                raise
+        else:
+            return Subject(model, crossfit.version, crossfit.train_m, crossfit.test_m)
+    found = find_served(model)
+    row = progress.add_task(f"predictions of {found.name}", total=sum(dataset.card.counts.values()))
+    return Subject.predicting(dataset, found, report=lambda done: progress.update(row, completed=done))
 
 
 def find_model(name: str) -> PredictiveModel:

@@ -8,7 +8,7 @@ import pytest
 from common.domain.deviation import deviation
 from common.domain.errors import RequestError
 from common.storage.dataset import Dataset
-from pipelines.mde.crossfit import read_deviations
+from pipelines.mde.crossfit import OtherSamplesError, read_deviations
 from pipelines.mde.examples import Examples, deviation_scale, model_deviations
 from pipelines.mde.release import declared_threshold
 from services.cli.serve import load_model
@@ -70,6 +70,23 @@ def test_cross_fitted_deviations_come_back(dataset: Dataset, tmp_path: Path):
     assert found.version == "7"
     assert found.train_m[-1] == 31
     assert found.test_m[-1] == 7
+
+
+def test_a_shorter_run_of_the_same_data_set_takes_the_first_deviations(dataset: Dataset, tmp_path: Path):
+    path = tmp_path / "deviations.npz"
+    actions, test_actions = dataset.samples("train").actions, dataset.samples("test").actions
+    longer = {"actions": np.vstack([actions, actions]), "deviation_m": np.arange(64.0)}
+    np.savez(path, test_actions=test_actions, test_deviation_m=np.arange(8.0), **longer)
+    np.testing.assert_array_equal(read_deviations(path, dataset).train_m, np.arange(32.0))
+
+
+def test_deviations_of_other_samples_are_told_from_those_of_the_data_set(dataset: Dataset, tmp_path: Path):
+    path = tmp_path / "deviations.npz"
+    actions, test_actions = dataset.samples("train").actions, dataset.samples("test").actions
+    values = {"deviation_m": np.arange(32.0), "test_deviation_m": np.arange(8.0)}
+    np.savez(path, actions=actions[::-1], test_actions=test_actions, **values)
+    with pytest.raises(OtherSamplesError, match="expected those of the data set's samples"):
+        read_deviations(path, dataset)
 
 
 @pytest.mark.parametrize(

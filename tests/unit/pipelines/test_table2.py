@@ -11,9 +11,10 @@ from common.tasks import TASKS
 from pipelines.evaluate.accept_maps import accept_maps, read_map, write_map
 from pipelines.evaluate.table2 import table2
 from pipelines.evaluate.table2_figures import draw_accept_maps, draw_reliability
-from pipelines.evaluate.table2_runs import Judgement, Run, Subject, find_weights, judge, read_runs, write_runs
+from pipelines.evaluate.table2_runs import Judgement, Run, find_weights, judge, read_runs, write_runs
 from pipelines.figures import save_figure
-from pipelines.mde.examples import deviation_scale, model_deviations
+from pipelines.mde.examples import deviation_scale
+from pipelines.mde.subject import Subject
 from services.heuristic import HeuristicModel
 from services.mde.estimator import read_estimator
 from tests.mde_fakes import Sinking, small_settings, write_dataset
@@ -29,8 +30,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def subject(dataset: Dataset) -> Subject:
-    train_m, test_m = (model_deviations(dataset, split, HeuristicModel()) for split in ("train", "test"))
-    return Subject("heuristic", "1", train_m, test_m)
+    return Subject.predicting(dataset, HeuristicModel())
 
 
 @pytest.fixture(scope="module")

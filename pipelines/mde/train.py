@@ -24,7 +24,7 @@ Report = Callable[[int, Epoch], None]
 
 
 TRAINING = TrainingSettings(
-    epochs=60, batch=32, learning_rate=2e-3, weight_decay=0.2, patience=60, threads=1, bfloat16=True
+    epochs=20, batch=32, learning_rate=2e-3, weight_decay=0.2, patience=20, threads=1, bfloat16=True
 )
 COVERAGE = 0.9
 HELD_OUT = 0.15

@@ -35,7 +35,7 @@ def data() -> None:
 @data.command()
 @NAME
 @OUT
-@click.option("--train", type=COUNT, default=1000, show_default=True, help="Settled training samples.")
+@click.option("--train", type=COUNT, default=4000, show_default=True, help="Settled training samples.")
 @click.option("--test", type=COUNT, default=300, show_default=True, help="Settled test samples.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
 @click.option(

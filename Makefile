@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-compose check format schemas scenes benchmark clean
+.PHONY: demo test test-compose check format schemas scenes models benchmark clean
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"expected Python 3.11 or later, got {sys.version.split()[0]}")'
@@ -36,6 +36,12 @@ schemas: $(VENV)/ready  ## rewrite proto_schemas/ from the messages
 
 scenes: $(VENV)/ready  ## rewrite the bundled scenes from their seeds
 	$(BIN)/python -m pipelines.cases
+
+models: $(VENV)/ready  ## the released weights from their seeds, and the data set they are trained on
+	$(BIN)/frugal data generate --name sim-v1 --train 4000 --test 300 --seed 0
+	$(BIN)/frugal train learned --threads 1
+	$(BIN)/frugal train mde --model heuristic
+	$(BIN)/frugal train mde --model learned
 
 benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn
 	$(BIN)/python -m benchmarks.system

@@ -96,12 +96,11 @@ def declared_threshold(deviations: NDArray[np.floating]) -> float:
 
 
 def _metrics(examples: Examples, trained: Trained, d_max: float) -> dict[str, Any]:
-    """Return figures of the training samples, each estimated by a member that did not see it."""
-    tested = np.isfinite(trained.held_out.median)
-    truth, median = examples.deviations[tested], trained.held_out.median[tested].clip(0, 1)
+    """Return figures of the samples that no member was trained on."""
+    truth, median = examples.deviations[trained.calibration], trained.held_out.median.clip(0, 1)
     return {
-        "samples": int(tested.sum()),
+        "samples": len(truth),
         "mae": mean_absolute_error(truth, median),
-        "median_baseline_mae": mean_absolute_error(truth, np.full_like(truth, np.median(truth))),
+        "median_baseline_mae": mean_absolute_error(truth, np.full_like(truth, np.median(examples.deviations))),
         **asdict(acceptance(truth, median, d_max=d_max)),
     }

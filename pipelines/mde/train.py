@@ -1,4 +1,4 @@
-"""Train the networks of one MDE on parts of the data each, and calibrate them on the samples that each did not see."""
+"""Train the networks of one MDE on parts of the data each, and calibrate them together on states that none has seen."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -28,7 +28,10 @@ TRAINING = TrainingSettings(
 )
 COVERAGE = 0.9
 HELD_OUT = 0.15
-"""Share of the states that a single member does not see."""
+"""Share of the states that a single member is not trained on, to decide which of its epochs is kept."""
+
+CALIBRATION, EVERYONE = -1, -2
+"""Parts of the states that none, and that all members are trained on."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +41,17 @@ class EnsembleSettings:
     Attributes:
         variant: Name of the network, see `services.mde.variants`.
         network: Its sizes, where they are not the default.
-        members: Number of parts of the states; each member is trained without one of them. A single member is
-            trained without `HELD_OUT` of the states.
+        calibration_share: Share of the states that are kept for the calibration.
+        members: Number of parts of the other states; each member is trained without one of them. A single member is
+            trained without `HELD_OUT` of them.
         coverage: Share of new samples for which the upper bound is to hold.
-        familiar: Share of held-out samples that count as familiar.
+        familiar: Share of the calibration's samples that count as familiar.
         training: How each member is trained; its seed is that of the whole.
     """
 
     variant: str = "crop"
     network: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    calibration_share: float = 0.2
     members: int = 4
     coverage: float = COVERAGE
     familiar: float = 0.99
@@ -77,11 +82,13 @@ class Trained:
 
     Attributes:
         ensemble: The networks.
-        held_out: What it says about its training samples, each by the member that did not see it; NaN where all did.
+        calibration: Indices of the samples that none of them was trained on ``(C,)``.
+        held_out: What they say about these together.
         factor: The upper bound is ``median + factor gap``.
     """
 
     ensemble: Ensemble
+    calibration: NDArray[np.int64]
     held_out: RawEstimates
     factor: float
 
@@ -98,35 +105,36 @@ def train_ensemble(
         report: Told of every epoch of every member.
     """
     samples, seed = examples.samples, settings.training.seed
-    part = _parts(samples.groups, settings.members, seed)
+    part = parts(samples.groups, settings)
+    calibration = np.flatnonzero(part == CALIBRATION)
     with seeded(seed):
         members = [VARIANTS[settings.variant](grid, **settings.network) for _ in range(settings.members)]
     data = _Tensors.of(examples, members[0].pooling)
     ensemble = Ensemble(members)
-    count = len(samples)
-    median, gap, distance = np.full((3, count), np.nan)
+    found: list[tuple[NDArray[np.float64], ...]] = []
     for index, member in enumerate(members):
-        seen, unseen = np.flatnonzero(part != index), np.flatnonzero(part == index)
+        seen = np.flatnonzero((part != index) & (part != CALIBRATION))
         member_seed = seed * settings.members + index
         with seeded(member_seed):  # dropout draws from the global generator
             train(
                 member,
                 data.loss,
                 training=seen,
-                validation=unseen,
+                validation=np.flatnonzero(part == index),
                 settings=replace(settings.training, seed=member_seed),
                 report=lambda epoch, index=index: report(index, epoch),
             )
-        descriptions, medians, gaps = data.evaluate(member, np.arange(count))
-        mean, whiten = whitening(descriptions[seen])
+        mean, whiten = whitening(data.evaluate(member, seen)[0])
+        descriptions, medians, gaps = data.evaluate(member, calibration)
         distances = mahalanobis(descriptions, mean, whiten)
-        ensemble.means[index], ensemble.whitenings[index] = mean, whiten
-        ensemble.limits[index] = torch.quantile(distances[unseen], settings.familiar)
-        median[unseen], gap[unseen] = medians[unseen].numpy(), gaps[unseen].numpy()
-        distance[unseen] = (distances[unseen] / ensemble.limits[index]).numpy()
-    tested = part >= 0
-    factor = conformal_factor(examples.deviations[tested], median[tested], gap[tested], coverage=settings.coverage)
-    return Trained(ensemble, RawEstimates(median, gap, distance), factor)
+        limit = torch.quantile(distances, settings.familiar)
+        ensemble.means[index], ensemble.whitenings[index], ensemble.limits[index] = mean, whiten, limit
+        found.append(tuple(values.double().numpy() for values in (medians, gaps, distances / limit)))
+    held_out = RawEstimates(*np.mean(found, axis=0))
+    factor = conformal_factor(
+        examples.deviations[calibration], held_out.median, held_out.gap, coverage=settings.coverage
+    )
+    return Trained(ensemble, calibration, held_out, factor)
 
 
 def settings_card(settings: EnsembleSettings) -> dict[str, Any]:
@@ -134,12 +142,16 @@ def settings_card(settings: EnsembleSettings) -> dict[str, Any]:
     return {**asdict(settings), "network": dict(settings.network)}
 
 
-def _parts(groups: NDArray[np.integer], members: int, seed: int) -> NDArray[np.int64]:
-    """Return the member that does not see each sample ``(N,)``, -1 where all do."""
-    if members > 1:
-        return folds(groups, count=members, seed=seed)
-    part = np.full(len(groups), -1)
-    part[split(groups, share=HELD_OUT, seed=seed)[1]] = 0
+def parts(groups: NDArray[np.integer], settings: EnsembleSettings) -> NDArray[np.int64]:
+    """Return the member that is not trained on each sample ``(N,)``, or `CALIBRATION`, or `EVERYONE`."""
+    seed = settings.training.seed
+    training, calibration = split(groups, share=settings.calibration_share, seed=seed)
+    part = np.full(len(groups), EVERYONE)
+    part[calibration] = CALIBRATION
+    if settings.members > 1:
+        part[training] = folds(groups[training], count=settings.members, seed=seed)
+    else:
+        part[training[split(groups[training], share=HELD_OUT, seed=seed)[1]]] = 0
     return part
 
 

@@ -38,10 +38,10 @@ class LearnedSettings:
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
     training: TrainingSettings = field(
-        default_factory=lambda: TrainingSettings(epochs=30, batch=8, learning_rate=3e-3, patience=30, bfloat16=True)
+        default_factory=lambda: TrainingSettings(epochs=48, batch=16, learning_rate=4e-3, patience=48, bfloat16=True)
     )
     validation_share: float = 0.1
-    folds: int = 4
+    folds: int = 2
 
 
 @dataclass(frozen=True)

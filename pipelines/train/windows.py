@@ -21,7 +21,7 @@ class Windows:
     """N windows.
 
     Attributes:
-        inputs: What the network sees ``(N, 11, S, S)``.
+        inputs: What the network sees ``(N, 12, S, S)``.
         residuals: What it shall answer ``(N, S, S)``, in units of `HEIGHT_SCALE`.
         groups: Number of the state ``(N,)``.
         grid: The grid that they are cut out of.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--folds",
     type=click.IntRange(0, 20),
-    default=4,
+    default=2,
     show_default=True,
     help="Further networks, each blind to one fold, for the MDE's training data; 0: none.",
 )

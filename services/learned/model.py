@@ -21,7 +21,7 @@ from common.learning.weights import WeightsCard, load, read_card
 from services.learned.network import NetworkSettings, ResidualNetwork
 from services.learned.windows import Views
 
-ARCHITECTURE = "residual-window-1"
+ARCHITECTURE = "residual-window-2"
 QUIET = 3e-4
 """Corrections below this count as none: the answer is then the heuristic sum to the bit [m]."""
 

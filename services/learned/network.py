@@ -9,8 +9,11 @@ from torch.nn import functional
 from common.domain.grid import Grid
 from common.learning.features import CHANNELS
 
-INPUTS = 2 * len(CHANNELS) + 1
-"""Channels of the input: those of the scene, those of the shifted item, and what an unbending item would correct."""
+GUESSES = 2
+"""What an unbending item and one that bends would correct."""
+
+INPUTS = 2 * len(CHANNELS) + GUESSES
+"""Channels of the input: those of the scene, those of the shifted item, and the guesses."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class NetworkSettings:
     """
 
     window: int = 64
-    widths: tuple[int, int, int] = (48, 96, 160)
+    widths: tuple[int, int, int] = (32, 64, 128)
     blocks: int = 2
     item_reach: int = 4
     fry_reach: int = 8
@@ -40,9 +43,10 @@ class NetworkSettings:
 
 
 class ResidualNetwork(nn.Module):
-    """Encoder and decoder with skips between equal resolutions: ``share * unbending + rest``, untrained 0 everywhere.
+    """Encoder and decoder with skips between equal resolutions: a share of each guess, and a rest; untrained 0.
 
-    ``unbending`` is the input's last channel: how far an item that does not bend would be from the heuristic sum.
+    The guesses are the input's last channels: how far an item that does not bend, and one that bends, would be from the
+    heuristic sum.
 
     The answer is exactly 0 further than ``item_reach`` from the item and ``fry_reach`` from everything that lies in
     the scene: nothing there can move.
@@ -68,7 +72,7 @@ class ResidualNetwork(nn.Module):
         self.decode_quarter = Block(quarter)
         self.from_quarter = nn.ConvTranspose2d(quarter, half, 2, stride=2)
         self.decode_half = Block(half)
-        self.exit = nn.Conv2d(half, 8, 3, padding=1)
+        self.exit = nn.Conv2d(half, 4 * (GUESSES + 1), 3, padding=1)
         nn.init.zeros_(self.exit.weight)
         nn.init.zeros_(self.exit.bias)  # type: ignore[arg-type]
 
@@ -79,14 +83,15 @@ class ResidualNetwork(nn.Module):
         return Grid(int(rows), int(columns), cell)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Return the residuals ``(B, S, S)`` for windows ``(B, 11, S, S)``, in units of `HEIGHT_SCALE`."""
+        """Return the residuals ``(B, S, S)`` for windows ``(B, 12, S, S)``, in units of `HEIGHT_SCALE`."""
         half = self.encode_half(functional.silu(self.entry(functional.pixel_unshuffle(inputs, 2))))
         quarter = self.encode_quarter(functional.silu(self.to_quarter(half)))
         eighth = self.middle(functional.silu(self.to_eighth(quarter)))
         quarter = self.decode_quarter(functional.silu(self.from_eighth(eighth) + quarter))
         half = self.decode_half(functional.silu(self.from_quarter(quarter) + half))
-        share, rest = functional.pixel_shuffle(self.exit(half), 2).unbind(1)
-        return (share * inputs[:, -1] + rest) * self.can_change(inputs)
+        answer = functional.pixel_shuffle(self.exit(half), 2)
+        shares, rest = answer[:, :GUESSES], answer[:, GUESSES]
+        return ((shares * inputs[:, -GUESSES:]).sum(dim=1) + rest) * self.can_change(inputs)
 
     def can_change(self, inputs: Tensor) -> Tensor:
         """Return 1 where the outcome may differ from the heuristic sum, else 0 ``(B, S, S)``."""

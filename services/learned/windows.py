@@ -1,7 +1,8 @@
-"""What the network sees: scene and shifted item in a window around the action, and what would be if it did not bend.
+"""What the network sees: scene and shifted item in a window around the action, and two guesses of what will be.
 
 An item that does not bend comes to rest on a plane. Its centre of mass stays above the same point, so that a tilt
-moves its upper surface down the slope by half of its thickness times the slope.
+moves its upper surface down the slope by half of its thickness times the slope. One that bends lies as low as its
+stiffness lets it, see `common.learning.draping`.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from common.domain.grid import Floats, Grid
-from common.learning.features import HEIGHT_SCALE, channels, item_first, whole_first, window
+from common.learning.draping import bending_length, draped
+from common.learning.features import (
+    DENSITY_SCALE,
+    HEIGHT_SCALE,
+    MODULUS_CENTRE,
+    MODULUS_SCALE,
+    channels,
+    item_first,
+    whole_first,
+    window,
+)
 from common.learning.support import resting_plane
 
 FARTHEST = 3.0
@@ -37,7 +48,7 @@ class Views:
         return cls(channels(scene_heights, scene_materials), channels(item_heights, item_materials))
 
     def inputs(self, actions: Floats, grid: Grid, size: int) -> tuple[Tensor, NDArray[np.int64]]:
-        """Return windows ``(B, 11, S, S)`` for actions ``(B, 2)`` [m], and the windows' first cells ``(B, 2)``."""
+        """Return windows ``(B, 12, S, S)`` for actions ``(B, 2)`` [m], and the windows' first cells ``(B, 2)``."""
         first = whole_first(actions, grid, size)
         scene = window(self.scene, torch.from_numpy(first), size)
         of_item = item_first(actions, grid, first)
@@ -48,7 +59,8 @@ class Views:
         tilted = window(self.item[:, :2], torch.from_numpy(of_item - moved), size, outside="zero")
         height, mask = tilted.unbind(1)
         unbending = mask * (planes - scene[:, 0]) + height - item[:, 0]
-        return torch.cat([scene, item, unbending[:, None].clamp(-HIGHEST, HIGHEST)], dim=1), first.astype(np.int64)
+        guesses = torch.stack([unbending, _bending(scene, item, grid.cell)], dim=1).clamp(-HIGHEST, HIGHEST)
+        return torch.cat([scene, item, guesses], dim=1), first.astype(np.int64)
 
 
 def _planes(scene: Tensor, item: Tensor) -> tuple[NDArray[np.float64], Tensor]:
@@ -61,6 +73,23 @@ def _planes(scene: Tensor, item: Tensor) -> tuple[NDArray[np.float64], Tensor]:
     return found[:, :2], torch.from_numpy((slope_x * columns + slope_y * rows + offset).astype(np.float32))
 
 
+def _bending(scene: Tensor, item: Tensor, cell: float) -> Tensor:
+    """Return how far items that bend as their material does lie above the scenes ``(B, S, S)``."""
+    lifts = []
+    for below, (thickness, mask, density, modulus, _) in zip(scene[:, 0].numpy(), item.numpy(), strict=True):
+        outline = mask > 0.5
+        if not outline.any():
+            lifts.append(np.zeros_like(below))
+            continue
+        length = bending_length(
+            10 ** (MODULUS_CENTRE + MODULUS_SCALE * float(modulus[outline].mean())),
+            DENSITY_SCALE * float(density[outline].mean()),
+            HEIGHT_SCALE * float(thickness[outline].mean()),
+        )
+        lifts.append(draped(below, outline, cell**2 / (4 * length) / HEIGHT_SCALE) - below)
+    return torch.from_numpy(np.stack(lifts))
+
+
 def _mean_thickness(item: Tensor) -> NDArray[np.float64]:
     inside = item[:, 1] > 0.5
     count = inside.sum(dim=(1, 2)).clamp(min=1)
@@ -71,7 +100,7 @@ def residuals(inputs: Tensor, first: NDArray[np.int64], outcomes: Floats, scene_
     """Return what the heuristic sum gets wrong in each window ``(B, S, S)``, in units of `HEIGHT_SCALE`.
 
     Args:
-        inputs: ``(B, 11, S, S)``.
+        inputs: ``(B, 12, S, S)``.
         first: First cells ``(B, 2)``.
         outcomes: Heightmaps ``(B, H, W)`` [m].
         scene_heights: Heightmaps before ``(B, H, W)`` [m]; where a window leaves the grid nothing changes.

@@ -30,13 +30,15 @@ def test_the_demo_writes_its_results_and_leaves_no_process(tmp_path: Path):
     assert 1 <= result["usage"]["simulator"] <= 10  # fewer where the last calls gained nothing
     assert result["usage"]["heuristic"] > 100  # its sweep over the plate
     assert result["action_error_m"] < 0.05
-    assert {"heuristic", "simulator", "mde", "optimiser", "transport"} == set(result["split_s"])
+    assert result["usage"]["learned"] > 10  # where the heuristic points
+    assert {"heuristic", "learned", "simulator", "mde", "optimiser", "transport"} == set(result["split_s"])
     trials = [json.loads(line) for line in (tmp_path / "demo" / "trials.jsonl").read_text().splitlines()]
     assert len(trials) == result["usage"]["simulator"]
     assert all(trial["instance"] in ("simulator-1", "simulator-2") for trial in trials)
     assert (tmp_path / "demo" / "placement.png").stat().st_size > 10_000
     logs = {path.stem for path in (tmp_path / "demo" / "logs").iterdir()}
-    assert logs == {"router", "heuristic", "simulator-1", "simulator-2", "orchestrator"}
+    networks = {"learned", "mde-heuristic", "mde-learned"}
+    assert logs == {"router", "heuristic", "simulator-1", "simulator-2", "orchestrator", *networks}
     assert processes_with(str(tmp_path)) == []
 
 

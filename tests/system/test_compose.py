@@ -18,6 +18,8 @@ MODULES = {
     "heuristic": {"zenoh"},
     "orchestrator": {"zenoh"},
     "simulator": {"zenoh", "scipy", "warp"},
+    "learned": {"zenoh", "torch"},
+    "mde-heuristic": {"zenoh", "torch"},
 }
 """Service -> those of zenoh, scipy, warp, torch, matplotlib and pytest that its image holds, and no more."""
 FIND_MODULES = """
@@ -68,7 +70,8 @@ def running(containers: Containers, service: str) -> set[str]:
 def test_every_service_becomes_healthy(containers: Containers) -> None:
     listed = containers.list()
     assert all(container.is_well for container in listed), containers.report()
-    expected = {"router": 1, "heuristic": 1, "orchestrator": 1, "simulator": 2, "warm": 1}
+    once = ("router", "heuristic", "learned", "mde-heuristic", "mde-learned", "orchestrator", "warm")
+    expected = {**dict.fromkeys(once, 1), "simulator": 2}
     assert Counter(container.service for container in listed) == expected
 
 
@@ -96,9 +99,17 @@ def test_the_orchestrator_uses_as_many_simulators_as_there_are(
     simulators = running(containers, "simulator")
     assert len(simulators) == replicas
     containers.wait_until(lambda: hosts(workers(containers, "simulator")) == simulators)
-    result, trials = optimize(containers, tmp_path, "--strategy", "threshold", "--evaluations", "4", "--in-flight", "2")
+    options = ("--strategy", "only:simulator", "--evaluations", "4", "--in-flight", "2")
+    result, trials = optimize(containers, tmp_path, *options)
     assert result["usage"] == {"simulator": 4}
     assert hosts(trials) == simulators
+
+
+def test_the_mdes_in_containers_choose_among_the_models(containers: Containers, tmp_path: Path) -> None:
+    result, trials = optimize(containers, tmp_path, "--strategy", "threshold", "--evaluations", "20")
+    assert result["events"] == []
+    assert all(set(trial["estimates"]) <= {"heuristic", "learned"} and trial["estimates"] for trial in trials)
+    assert len(result["usage"]) > 1
 
 
 def test_a_worker_that_crashes_is_back_and_serves(containers: Containers, tmp_path: Path) -> None:

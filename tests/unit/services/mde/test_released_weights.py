@@ -11,6 +11,7 @@ import pytest
 
 from common.domain.errors import ModelError
 from common.storage.dataset import Dataset
+from pipelines.mde.train import CALIBRATION, parts
 from services.mde.ensemble import load_ensemble
 from services.mde.estimator import read_estimator
 from tests.mde_fakes import small_settings, write_dataset, write_weights
@@ -51,9 +52,20 @@ def test_the_card_tells_what_the_weights_rest_on(dataset: Dataset, released: Pat
     assert card.settings["members"] == 2
 
 
-def test_each_training_sample_is_judged_by_a_member_that_did_not_see_it(released: Path):
+@pytest.mark.parametrize("members", [1, 2])
+def test_the_calibration_rests_on_states_that_no_member_was_trained_on(dataset: Dataset, members: int):
+    settings, groups = small_settings(members=members), dataset.samples("train").groups
+    part = parts(groups, settings)
+    kept, trained = groups[part == CALIBRATION], groups[part != CALIBRATION]
+    assert len(set(kept)) == round(settings.calibration_share * len(set(groups)))
+    assert not set(kept) & set(trained)
+    for member in range(members):
+        assert not set(groups[part == member]) & set(groups[(part != member) & (part != CALIBRATION)])
+
+
+def test_the_card_tells_how_good_the_members_are_together_on_these_states(dataset: Dataset, released: Path):
     held_out = load_ensemble(released, model="heuristic").card.metrics["held_out"]
-    assert held_out["samples"] == 32
+    assert held_out["samples"] == (parts(dataset.samples("train").groups, small_settings()) == CALIBRATION).sum()
     assert 0 < held_out["mae"] < 1
 
 

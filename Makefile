@@ -37,9 +37,9 @@ schemas: $(VENV)/ready  ## rewrite proto_schemas/ from the messages
 scenes: $(VENV)/ready  ## rewrite the bundled scenes from their seeds
 	$(BIN)/python -m pipelines.cases
 
-benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn
+benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn and BoTorch
 	$(BIN)/python -m benchmarks.system
-	$(BIN)/python -m benchmarks.optimizer
+	$(BIN)/frugal bench optimizer
 
 clean:
 	rm -rf $(VENV) out build *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -23,7 +23,8 @@ def optimizer(*, seeds: int, as_json: bool) -> None:
     """Measure what a step costs at 50 points, beside the same loop with scikit-learn's and BoTorch's models.
 
     All loops take turns in one process on one thread; on a machine that computes something else as well wall times are
-    upper bounds, and processor times, which the ratios are of, stand beside them. scikit-learn and BoTorch are installed by the extra "bench".
+    upper bounds, and processor times, which the ratios are of, stand beside them. scikit-learn and BoTorch are
+    installed by the extra "bench".
     """
     from pipelines.bench.optimizer import bench_optimizer
 

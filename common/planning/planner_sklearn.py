@@ -2,6 +2,7 @@
 
 import warnings
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ class SklearnPlanner(Planner):
 
         points, rewards = np.stack([self._points[index] for index in self._rewards]), [*self._rewards.values()]
         kernel = ConstantKernel() * Matern(SCALE_MEDIAN, SCALE_LIMITS, nu=2.5) + WhiteKernel(NOISE, NOISE_LIMITS)
-        process = GaussianProcessRegressor(kernel, normalize_y=True)
+        process: Any = GaussianProcessRegressor(kernel, normalize_y=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             process.fit(points, rewards)

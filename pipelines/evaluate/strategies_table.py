@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from pipelines.evaluate.strategies_controls import CONTROLS
+from pipelines.evaluate.strategies_methods import reference
 from pipelines.evaluate.strategies_statistics import Statistic, Values, compared, figure, mean, median
+from pipelines.evaluate.threshold import TRUSTED
 from pipelines.evaluate.threshold_table import stopped
 
 Record = Mapping[str, Any]
@@ -15,6 +17,8 @@ Found = Mapping[int, Record]
 
 BUDGETS = (3, 6, 12, 25)
 """Calls at which the trusted model alone, and BoTorch's loops, are stopped for comparison."""
+STOPPABLE = ("botorch:ucb", "botorch:logei")
+"""Loops that do not know their budget."""
 FIGURES: dict[str, tuple[str, Statistic]] = {
     "error_mean_m": ("error_m", mean),
     "error_median_m": ("error_m", median),
@@ -33,7 +37,7 @@ FAMILIES = {"fast": "transport", "balanced": "transport", "quality": "transport"
 """Strategies that are others with a budget."""
 
 
-def strategies_table(records: Sequence[Record]) -> list[dict[str, Any]]:
+def strategies_table(records: Sequence[Record], *, trusted: str = TRUSTED) -> list[dict[str, Any]]:
     """Return a row per method over the targets that every method has done; SI units.
 
     Every figure is ``{value, low, high, difference, difference_low, difference_high, ratio, ratio_low, ratio_high}``:
@@ -52,28 +56,29 @@ def strategies_table(records: Sequence[Record]) -> list[dict[str, Any]]:
     each target, the cheapest model with the same polish, the same method with other MDEs or one evaluation in flight,
     and `threshold`.
     """
-    rows, failed = _paired(records)
-    if not rows:
+    alone = reference(trusted)
+    rows, failed = _paired(records, alone)
+    if alone not in rows:
         return []
-    trusted, targets = _reference(rows), sorted(next(iter(rows.values())))
+    targets = sorted(rows[alone])
     best = _best_rewards(rows, targets)
-    cost = {target: rows[trusted][target]["process_s"] / len(rows[trusted][target]["trials"]) for target in targets}
+    cost = {target: rows[alone][target]["process_s"] / len(rows[alone][target]["trials"]) for target in targets}
     measures = {name: _measures(found, targets, best, cost) for name, found in rows.items()}
     table = []
     for name, found in rows.items():
-        others = {other: measures[other] for other in _others(name, rows)}
+        others = {other: measures[other] for other in _others(name, rows, alone)}
         calls = {target: int(record["calls"]) for target, record in found.items()}
-        if name != trusted and all(calls.values()):
-            same = {target: _stopped(rows[trusted][target], count) for target, count in calls.items()}
+        if name != alone and all(calls.values()):
+            same = {target: _stopped(rows[alone][target], count) for target, count in calls.items()}
             others["stopped"] = _measures(same, targets, best, cost)
         table.append(
             {
-                **_described(name, found[targets[0]], trusted),
+                **_described(name, found[targets[0]], alone),
                 "targets": len(targets),
                 "failed": failed[name],
                 **{
                     each: figure(statistic, measures[name][measure])
-                    | compared(statistic, measures[name][measure], measures[trusted][measure])
+                    | compared(statistic, measures[name][measure], measures[alone][measure])
                     for each, (measure, statistic) in FIGURES.items()
                 },
                 "split_s": _split(found),
@@ -84,7 +89,7 @@ def strategies_table(records: Sequence[Record]) -> list[dict[str, Any]]:
     return table
 
 
-def _paired(records: Sequence[Record]) -> tuple[dict[str, Found], Counter[str]]:
+def _paired(records: Sequence[Record], alone: str) -> tuple[dict[str, Found], Counter[str]]:
     """Return the records by method and target, of targets that all have done, and how many each has failed at."""
     by_method: defaultdict[str, dict[int, Record]] = defaultdict(dict)
     failed = Counter[str]()
@@ -99,18 +104,13 @@ def _paired(records: Sequence[Record]) -> tuple[dict[str, Found], Counter[str]]:
     rows: dict[str, Found] = {}
     for name, found in by_method.items():
         rows[name] = {target: found[target] for target in shared}
-        if name.startswith(("only:simulator", "botorch:ucb", "botorch:logei")) and "+" not in name:
+        if name in (alone, *STOPPABLE):
             for calls in BUDGETS:
                 if calls < min(len(record["trials"]) for record in rows[name].values()):
                     rows[f"{name}, {calls} calls"] = {
                         target: _stopped(record, calls) for target, record in rows[name].items()
                     }
     return rows, failed
-
-
-def _reference(rows: Mapping[str, Found]) -> str:
-    """Return the name of the trusted model alone: of those that ask one simulator alone, the only one that was run."""
-    return next(name for name in rows if name.startswith("only:simulator"))
 
 
 def _stopped(record: Record, calls: int) -> Record:
@@ -161,20 +161,20 @@ def _measures(
     return {name: np.array(values, dtype=np.float64) for name, values in found.items()}
 
 
-def _others(name: str, rows: Mapping[str, Found]) -> list[str]:
+def _others(name: str, rows: Mapping[str, Found], alone: str) -> list[str]:
     """Return the methods that one is compared with, besides the reference."""
     strategy, *options = name.split("+")
     others = [f"{strategy}+{control}" for control in CONTROLS] if not options else [strategy]
     flying = [option for option in options if option.endswith("-in-flight")]
-    others += [f"{other}+{flying[0]}" for other in rows if flying and other.startswith("only:simulator")]
+    others += [f"{alone}+{option}" for option in flying]
     budget = next(iter(rows[name].values()))["budget"]
     others += [f"polish:calls={budget}", "threshold"]
     return [other for other in dict.fromkeys(others) if other in rows and other != name]
 
 
-def _described(name: str, record: Record, trusted: str) -> dict[str, Any]:
+def _described(name: str, record: Record, alone: str) -> dict[str, Any]:
     strategy, *options = name.partition(",")[0].split("+")
-    family = "reference" if strategy == trusted else strategy.partition(":calls")[0]
+    family = "reference" if strategy == alone else strategy.partition(":calls")[0]
     return {
         "strategy": name,
         "family": FAMILIES.get(family, family),
@@ -199,12 +199,8 @@ def _split(found: Found) -> dict[str, float]:
 
 
 def _certified(found: Found, best: Mapping[int, float]) -> dict[str, Any] | None:
-    """Return the share of targets where a better action by more than the certificate's gain is known, and the stated one."""
-    certified = {
-        target: record
-        for target, record in found.items()
-        if record["certificate"] and record["true_reward"] is not None
-    }
+    """Return the share of targets where a method's answer is better by more than the certified gain; and the stated."""
+    certified = {target: record for target, record in found.items() if record["certificate"] and record["true_reward"]}
     if not certified:
         return None
     violated = [

@@ -146,7 +146,7 @@ def test_the_reward_under_jitter_is_the_mean_over_the_same_execution_errors(reco
 
 def test_no_action_of_a_target_is_simulated_twice_and_every_method_pays_for_its_own_calls_and_the_preparation():
     simulator, plan = Counting(), make_plan(2, (OURS, f"{OURS}+oracle-mde", "residual:calls=2"), evaluations=5)
-    found = [one for one in run_strategies(a_case(0), 0, plan, a_kit(simulator), set())]
+    found = list(run_strategies(a_case(0), 0, plan, a_kit(simulator), set()))
     repeated = len(simulator.simulated) - len(set(simulator.simulated))
     assert repeated == 1  # the two calls that measure the preparation
     for one in found:
@@ -265,8 +265,18 @@ def test_every_named_set_exists_and_holds_the_strategies_of_the_paper_and_ours()
 
 @pytest.mark.parametrize(
     "name",
-    ["best", "quality+perfect-mde", "threshold+d_max=1.5", "threshold+d_max=0", "quality+0-in-flight", "botorch:ei"]
-    + ["polish:calls=0", "polish", "botorch:ucb+2-in-flight", "quality+oracle-mde+2-in-flight"],
+    [
+        "best",
+        "quality+perfect-mde",
+        "threshold+d_max=1.5",
+        "threshold+d_max=0",
+        "quality+0-in-flight",
+        "botorch:ei",
+        "polish",
+        "polish:calls=0",
+        "botorch:ucb+2-in-flight",
+        "quality+oracle-mde+2-in-flight",
+    ],
 )
 def test_an_unknown_strategy_or_option_is_refused(name: str):
     with pytest.raises(RequestError, match="expected"):

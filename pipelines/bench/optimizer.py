@@ -28,12 +28,12 @@ Report = Callable[[int, int], None]
 Times = tuple[float, float]
 
 PLANNERS: dict[str, MakePlanner] = {
-    "planner": Planner,
-    "sklearn": SklearnPlanner,
-    "botorch": partial(BotorchPlanner, acquisition="logei"),
-    "botorch_ucb": partial(BotorchPlanner, acquisition="ucb"),
+    "planner": partial(Planner, initial=AT.start),
+    "sklearn": partial(SklearnPlanner, initial=AT.start),
+    "botorch": partial(BotorchPlanner, initial=AT.start, acquisition="logei"),
+    "botorch_ucb": partial(BotorchPlanner, initial=AT.start, acquisition="ucb"),
 }
-"""What asks and tells: ours, and the same loop with other models."""
+"""What asks and tells: ours, and the same loop with other models, all of them after the same spread actions."""
 
 
 def bench_optimizer(*, seeds: int, report: Report = lambda done, total: None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common.domain.errors import RequestError
 from common.planning.gp import Float64s
-from common.planning.planner import BETA, Planner
+from common.planning.planner import BETA, INITIAL, Planner
 
 RESTARTS, RAW_SAMPLES = 10, 512
 """Of `optimize_acqf`."""
@@ -26,13 +26,21 @@ class BotorchPlanner(Planner):
         bounds: Smallest and largest value of each action parameter ``(n, 2)``.
         seed: Seed of the initial actions and of the restarts.
         acquisition: ``logei`` or ``ucb``, this with our beta.
+        initial: Number of actions asked before the model has a say.
 
     Raises:
         RequestError: The bounds are no bounds, or BoTorch is not installed.
     """
 
-    def __init__(self, bounds: NDArray[np.float64], *, seed: int, acquisition: Literal["logei", "ucb"]) -> None:
-        super().__init__(bounds, seed=seed)
+    def __init__(
+        self,
+        bounds: NDArray[np.float64],
+        *,
+        seed: int,
+        acquisition: Literal["logei", "ucb"],
+        initial: int = INITIAL,
+    ) -> None:
+        super().__init__(bounds, seed=seed, initial=initial)
         self._seed = seed
         self._acquisition = acquisition
         import_botorch()

@@ -46,6 +46,8 @@ def draw_pareto(rows: Sequence[Row]) -> Figure:
             ax.set(xscale="log", yscale="log")
             ax.grid(alpha=0.25, which="both")
             ax.set_xlabel(axis)
+            if cost == "simulator_calls":
+                _count(ax)
         line[0].set_ylabel(label)
     handles, labels = axes[0, 1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
@@ -68,9 +70,12 @@ def draw_sweeps(rows: Sequence[Row]) -> Figure:
         color, marker = STYLES["threshold"]
         _bars(left, at, thresholds, "error_mean_m", 1e3, color=color, marker=marker, label="action error")
         _bars(calls, at, thresholds, "simulator_calls", 1.0, color="#999999", marker=".", label="calls")
+    else:
+        left.text(0.5, 0.5, "threshold was not compared", ha="center")
     left.set(xlabel="d_max of threshold", ylabel="action error, mean [mm]")
     calls.set_ylabel("calls of the trusted model (grey)")
-    budgeted = [row for row in rows if not row["options"] and row["family"] != "threshold" and row["budget"]]
+    budgeted = [row for row in rows if not row["options"] and row["family"] != "threshold"]
+    budgeted = [row for row in budgeted if row["simulator_calls"]["value"]]
     for family, members in _families(budgeted).items():
         members = sorted(members, key=lambda row: row["budget"])
         color, marker = STYLES.get(family, OTHER)
@@ -78,9 +83,18 @@ def draw_sweeps(rows: Sequence[Row]) -> Figure:
         _bars(right, at, members, "error_mean_m", 1e3, color=color, marker=marker, label=family)
     right.set(xscale="log", yscale="log", xlabel="budget: most calls of the trusted model")
     right.set_ylabel("action error, mean [mm]")
+    _count(right)
     right.grid(alpha=0.25, which="both")
     right.legend()
     return figure
+
+
+def _count(ax: Axes) -> None:
+    """Mark numbers of calls on a logarithmic axis."""
+    limits = ax.get_xlim()
+    ticks = [at for at in (NO_CALLS, 1, 2, 3, 6, 12, 25, 50, 100) if limits[0] <= at <= limits[1]]
+    ax.set_xticks(ticks, ["none" if at == NO_CALLS else str(at) for at in ticks])
+    ax.set_xticks([], minor=True)
 
 
 def _families(rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -244,7 +244,7 @@ def show(table: Sequence[dict[str, Any]]) -> None:
     from rich.table import Table
 
     names = ("strategy", "error mean mm", "median mm", "ratio of means", "of medians", "regret um", "other item um")
-    drawn = Table(*names, "jitter um", "calls", "s", "ratio", box=box.SIMPLE_HEAD, pad_edge=False)
+    drawn = Table(*names, "jitter um", "calls", "s", "ratio", "cpu", box=box.SIMPLE_HEAD, pad_edge=False)
     for row in table:
         drawn.add_row(
             row["strategy"],
@@ -255,12 +255,13 @@ def show(table: Sequence[dict[str, Any]]) -> None:
             _number(row["simulator_calls"]["value"], 1.0, digits=1),
             _number(row["wall_s"]["value"], 1.0, digits=2),
             _number(row["wall_s"]["ratio"], 1.0, digits=3),
+            _number(row["processor_s"]["ratio"], 1.0, digits=3),
         )
     Console(width=190).print(drawn)
     failed = sum(row["failed"] for row in table)
     say(
         f"{table[0]['targets']} targets, {failed} failures; 95% intervals in brackets; jitter: expected reward under "
-        "execution errors, minus the reference's; s: wall time"
+        "execution errors, minus the reference's; s: wall time and its ratio; cpu: ratio of processor time"
     )
 
 

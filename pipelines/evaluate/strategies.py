@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from common.domain.case import Case
 from common.domain.deviation import DeviationEstimator
-from common.domain.errors import FrugalError, ModelError
+from common.domain.errors import FrugalError, ModelError, RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
 from common.domain.trial import Result
@@ -60,8 +60,10 @@ def make_plan(
     """Return the experiment, always with the reference.
 
     Raises:
-        RequestError: There is no such strategy or option.
+        RequestError: There is no such strategy or option, or an odd number of execution errors.
     """
+    if jitter % 2:
+        raise RequestError(f"jitter: expected an even number, errors come with their opposites, got {jitter}")
     names = dict.fromkeys((reference(trusted), *strategies))
     methods = tuple(parse_contender(name, trusted=trusted, in_flight=in_flight) for name in names)
     return Comparison(targets, seed, evaluations, methods, trusted, jitter)

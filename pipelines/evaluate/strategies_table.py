@@ -68,7 +68,7 @@ def strategies_table(records: Sequence[Record], *, trusted: str = TRUSTED) -> li
     for name, found in rows.items():
         others = {other: measures[other] for other in _others(name, rows, alone)}
         calls = {target: int(record["calls"]) for target, record in found.items()}
-        if name != alone and all(calls.values()):
+        if name != alone and any(calls.values()):
             same = {target: _stopped(rows[alone][target], count) for target, count in calls.items()}
             others["stopped"] = _measures(same, targets, best, cost)
         table.append(
@@ -115,12 +115,11 @@ def _paired(records: Sequence[Record], alone: str) -> tuple[dict[str, Found], Co
 
 def _stopped(record: Record, calls: int) -> Record:
     """Return what a method that takes one call after the other would have answered after a number of them."""
-    share = min(calls / len(record["trials"]), 1.0)
     found = stopped(record, calls)
     count = len(found["trials"])
     return {
         **found,
-        "process_s": share * record["process_s"],
+        "process_s": record["process_s"] * min(found["wall_s"] / record["wall_s"], 1.0),
         "calls": count,
         "budget": count,
         "jitter_reward": None,
@@ -200,7 +199,8 @@ def _split(found: Found) -> dict[str, float]:
 
 def _certified(found: Found, best: Mapping[int, float]) -> dict[str, Any] | None:
     """Return the share of targets where a method's answer is better by more than the certified gain; and the stated."""
-    certified = {target: record for target, record in found.items() if record["certificate"] and record["true_reward"]}
+    known = {target: record for target, record in found.items() if record["true_reward"] is not None}
+    certified = {target: record for target, record in known.items() if record["certificate"]}
     if not certified:
         return None
     violated = [

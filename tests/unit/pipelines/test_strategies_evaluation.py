@@ -1,6 +1,7 @@
 """Strategies side by side: raw results and what they say."""
 
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -254,6 +255,17 @@ def test_botorch_begins_with_the_same_actions_and_finds_the_target(name: str):
     assert [trial.action for trial in found.trials[:6]] == [trial.action for trial in ours.trials[:6]]
     assert len({trial.action for trial in found.trials}) == 12
     assert found.reward > max(trial.reward or -1.0 for trial in found.trials[:6])
+
+
+def test_without_botorch_an_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "botorch", None)
+    with pytest.raises(RequestError, match="pip install"):
+        parse_contender("botorch:logei", trusted="simulator")
+
+
+def test_execution_errors_come_in_pairs():
+    with pytest.raises(RequestError, match="even number, .* got 3"):
+        make_plan(2, (), evaluations=5, jitter=3)
 
 
 def test_every_named_set_exists_and_holds_the_strategies_of_the_paper_and_ours():

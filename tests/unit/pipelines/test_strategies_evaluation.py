@@ -264,7 +264,7 @@ def test_without_botorch_an_error_says_what_to_install(monkeypatch: pytest.Monke
 
 
 def test_execution_errors_come_in_pairs():
-    with pytest.raises(RequestError, match="even number, .* got 3"):
+    with pytest.raises(RequestError, match=r"even number, .* got 3"):
         make_plan(2, (), evaluations=5, jitter=3)
 
 

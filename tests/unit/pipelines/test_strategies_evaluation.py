@@ -22,6 +22,7 @@ from pipelines.evaluate.strategies_controls import Scaling
 from pipelines.evaluate.strategies_methods import SETS, make_strategy, parse_contender
 from pipelines.evaluate.strategies_table import strategies_table
 from pipelines.evaluate.threshold import read_records, run
+from pipelines.optimizers import botorch_fidelities
 from services.heuristic import HeuristicModel
 from tests.fakes import Radius, make_state
 from tests.mde_fakes import Sinking
@@ -255,6 +256,18 @@ def test_botorch_begins_with_the_same_actions_and_finds_the_target(name: str):
     assert [trial.action for trial in found.trials[:6]] == [trial.action for trial in ours.trials[:6]]
     assert len({trial.action for trial in found.trials}) == 12
     assert found.reward > max(trial.reward or -1.0 for trial in found.trials[:6])
+
+
+def test_botorchs_fidelities_ask_cheap_models_and_answer_with_a_simulated_action(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(botorch_fidelities, "FANTASIES", 4)
+    monkeypatch.setattr(botorch_fidelities.FidelityPlan, "MOST", 8)
+    case = a_case(0)
+    strategy = make_strategy("botorch:mfkg:calls=3", trusted="simulator", costs={"heuristic": 0.001, "simulator": 0.1})
+    models = {"heuristic": HeuristicModel(), "simulator": Sinking()}
+    result = optimize(Problem(TASKS["plating"], case.state, case.target), models, {}, strategy=strategy)
+    assert [trial.model for trial in result.trials] == ["simulator"] * 3
+    assert result.usage["heuristic"] >= botorch_fidelities.FIRST
+    assert len({trial.action for trial in result.trials}) == 3
 
 
 def test_without_botorch_an_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch):

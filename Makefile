@@ -39,13 +39,13 @@ scenes: $(VENV)/ready  ## rewrite the bundled scenes from their seeds
 
 models: $(VENV)/ready  ## the released weights from their seeds, and the data set they are trained on
 	$(BIN)/frugal data generate --name sim-v1 --train 4000 --test 300 --seed 0
-	$(BIN)/frugal train learned --threads 1
+	$(BIN)/frugal train learned
 	$(BIN)/frugal train mde --model heuristic
 	$(BIN)/frugal train mde --model learned
 
-benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn
+benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn and BoTorch
 	$(BIN)/python -m benchmarks.system
-	$(BIN)/python -m benchmarks.optimizer
+	$(BIN)/frugal bench optimizer
 
 clean:
 	rm -rf $(VENV) out build *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

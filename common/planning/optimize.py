@@ -20,6 +20,7 @@ from common.planning.evaluation import Evaluation, Evaluator
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.problem import Problem
 from common.planning.selection import DEFAULT, parse_strategy
+from common.planning.strategy import Strategy
 from common.planning.sweep import Sweeps
 
 T = TypeVar("T")
@@ -37,7 +38,7 @@ def optimize(
     models: Mapping[str, PredictiveModel],
     estimators: Mapping[str, DeviationEstimator],
     *,
-    strategy: str = DEFAULT,
+    strategy: str | Strategy = DEFAULT,
     d_max: float = 0.4,
     evaluations: int = 50,
     in_flight: int = 1,
@@ -64,7 +65,8 @@ def optimize(
         problem: What is to be optimised.
         models: Models by name, from cheapest to dearest; `PredictiveModel.predict` is called from several threads.
         estimators: MDEs by the name of their model.
-        strategy: Which actions are evaluated, and which model answers, see `parse_strategy`.
+        strategy: Which actions are evaluated, and which model answers, see `parse_strategy`;
+            also one of the caller's own.
         d_max: Deviation below which a model is applicable, scaled to [0, 1].
         evaluations: Number of actions to evaluate, for a strategy that stops by itself the largest; failed ones count.
         in_flight: Largest number of evaluations at the same time.
@@ -84,7 +86,7 @@ def optimize(
         FrugalError: The first three evaluations, or all of them, failed: the last one's error.
     """
     _check_options(d_max=d_max, evaluations=evaluations, in_flight=in_flight, seed=seed, deadline_s=deadline_s)
-    chosen = parse_strategy(strategy)
+    chosen = parse_strategy(strategy) if isinstance(strategy, str) else strategy
     trusted = problem.task.trusted if trusted is None else trusted
     required = chosen.required(trusted)
     if required not in models:

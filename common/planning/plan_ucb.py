@@ -1,5 +1,7 @@
 """The paper's plan: GP-UCB over the actions, as many as were asked for."""
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,11 +9,24 @@ from common.planning.plan import Outcome, Plan, Setting
 from common.planning.planner import Planner
 
 
-class UcbPlan(Plan):
-    """Ask where the upper confidence bound of the reward is highest, see `Planner`."""
+class MakePlanner(Protocol):
+    """Makes a planner of an optimisation, `Planner` or one that asks the same way."""
 
-    def __init__(self, setting: Setting) -> None:
-        self._planner = Planner(setting.problem.limits, seed=setting.seed)
+    def __call__(self, bounds: NDArray[np.float64], *, seed: int) -> Planner:
+        """Return a planner for bounds ``(n, 2)``."""
+        ...
+
+
+class UcbPlan(Plan):
+    """Ask where the upper confidence bound of the reward is highest, see `Planner`.
+
+    Args:
+        setting: The optimisation.
+        make_planner: Makes what chooses the actions.
+    """
+
+    def __init__(self, setting: Setting, *, make_planner: MakePlanner = Planner) -> None:
+        self._planner = make_planner(setting.problem.limits, seed=setting.seed)
 
     def ask(self) -> NDArray[np.float64]:
         """Return the next action ``(n,)``."""

@@ -1,6 +1,7 @@
 """Ask and tell: which action to evaluate next, given what the earlier ones were worth."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,9 @@ RADII = (1 / 64, 1 / 256, 1 / 1024)
 """Neighbourhoods that are searched around the best candidates, as shares of the range."""
 LARGEST = 256
 """Rewards that the process holds at most; beyond, half of them are left out."""
+
+Belief = Callable[[Float64s | None], tuple[Float64s, Float64s]]
+"""Mean and standard deviation of the reward ``(M,)`` at points of the unit cube ``(M, n)``, the candidates if None."""
 
 
 @dataclass(frozen=True)
@@ -112,23 +116,27 @@ class Planner:
         index = max(self._rewards, key=lambda i: (self._rewards[i], -i))
         return Incumbent(index, self._lower + self._points[index] * self._range, self._rewards[index])
 
-    def _highest_bound(self) -> Float64s:
-        rewards = self._update()
-        fit = self._process.fit(rewards)
+    def _belief(self) -> Belief:
+        """Return what the rewards so far say about all others."""
+        fit = self._process.fit(self._update())
         scale = int((fit.log_likelihood + self._log_prior).argmax())
-        weight = math.sqrt(self._beta)
+        return lambda points: self._process.predict(fit, points, scale=scale)
+
+    def _highest_bound(self) -> Float64s:
+        """Return the point ``(n,)`` to ask next."""
+        belief, weight = self._belief(), math.sqrt(self._beta)
 
         def bound(points: Float64s) -> Float64s:
-            mean, deviation = self._process.predict(fit, points, scale=scale)
+            mean, deviation = belief(points)
             return mean + weight * deviation
 
-        mean, deviation = self._process.predict(fit, scale=scale)
+        mean, deviation = belief(None)
         bounds = np.where(self._free, mean + weight * deviation, -np.inf)
         best, likely = int(bounds.argmax()), int(mean.argmax())
-        incumbent = self._process.points[int(rewards.argmax())]
+        incumbent = max(self._rewards, key=self._rewards.__getitem__)
         return maximise(
             bound,
-            np.stack([self._candidates[best], self._candidates[likely], incumbent]),
+            np.stack([self._candidates[best], self._candidates[likely], self._points[incumbent]]),
             np.array([bounds[best], bounds[likely], -np.inf]),
             radii=RADII,
             taken=np.stack(self._points),

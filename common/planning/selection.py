@@ -4,8 +4,11 @@ from collections.abc import Callable
 from functools import partial
 
 from common.domain.errors import RequestError
+from common.planning.plan_ucb import MakePlanner
+from common.planning.planner_sklearn import SklearnPlanner
 from common.planning.strategy import Strategy
 from common.planning.strategy_only import OnlyStrategy
+from common.planning.strategy_planner import PlannerStrategy
 from common.planning.strategy_random import RandomStrategy
 from common.planning.strategy_residual import ResidualStrategy
 from common.planning.strategy_threshold import ThresholdStrategy
@@ -29,18 +32,27 @@ BUDGETED: dict[str, Callable[[int], Strategy]] = {
 }
 """Strategies that take ``:calls=<number>``."""
 
+PLANNERS: dict[str, MakePlanner] = {"scikit-learn": SklearnPlanner}
+"""Planners other than our own, ``<strategy>@<planner>``; for strategies that leave the actions to GP-UCB."""
+
 DEFAULT = "quality"
 """See docs/decisions for why; the paper's strategy is ``threshold``."""
 MOST_CALLS = 5000
 FORMS = ", ".join([*STRATEGIES, *(f"{name}:calls=<number>" for name in BUDGETED), "only:<model>"])
+"""What a strategy may be called, each but those with a plan of their own also with ``@<planner>``."""
 
 
 def parse_strategy(text: str) -> Strategy:
     """Return the strategy that ``text`` names, for instance ``threshold``, ``transport:calls=8`` or ``only:heuristic``.
 
+    ``threshold@scikit-learn`` is `threshold` with the planner of this name.
+
     Raises:
         RequestError: There is none of this name.
     """
+    rest, at, planner = text.partition("@")
+    if at:
+        return _with_planner(rest, planner)
     if text in STRATEGIES:
         return STRATEGIES[text]()
     family, _, option = text.partition(":")
@@ -52,3 +64,12 @@ def parse_strategy(text: str) -> Strategy:
             raise RequestError(f"strategy {family}: expected 1 to {MOST_CALLS} calls, got {number}")
         return BUDGETED[family](int(number))
     raise RequestError(f"strategy: expected one of {FORMS}, got {text[:80]!r}")
+
+
+def _with_planner(text: str, planner: str) -> Strategy:
+    if planner not in PLANNERS:
+        raise RequestError(f"strategy: expected a planner of {', '.join(PLANNERS)} after @, got {planner[:80]!r}")
+    chosen = parse_strategy(text)
+    if type(chosen).plan is not Strategy.plan:
+        raise RequestError(f"strategy: expected one that leaves the actions to GP-UCB before @, got {text[:80]!r}")
+    return PlannerStrategy(chosen, PLANNERS[planner], name=f"{chosen.name}@{planner}")

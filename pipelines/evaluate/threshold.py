@@ -105,7 +105,7 @@ def run_target(case: Case, index: int, plan: Plan, equipment: Equipment, done: s
         yield record(case, index, method, result, true_reward=true_reward)
 
 
-def record(case: Case, index: int, method: Method, result: Result, *, true_reward: float) -> dict[str, Any]:
+def record(case: Case, index: int, method: Method, result: Result, *, true_reward: float | None) -> dict[str, Any]:
     """Return a result as it is kept, ready for JSON."""
     return {
         "target": index,

@@ -63,6 +63,7 @@ def release(
         "model_version": model_version,
         "deviations_sha256": deviations_digest(deviation_m),
         "d_max": d_max,
+        "deviation_mean": float(examples.deviations.mean()),
         "held_out": _metrics(examples, trained, d_max),
     }
     card = WeightsCard(

@@ -8,12 +8,16 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from services.cli.bench_optimizer import optimizer
 from services.simulator.settings import LEVELS
 
 
 @click.group()
 def bench() -> None:
     """Measure a part of the system."""
+
+
+bench.add_command(optimizer)
 
 
 @bench.command()

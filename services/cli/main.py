@@ -19,7 +19,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("services.cli.demo:demo", "Start everything, optimise one bundled scene, draw it, stop everything."),
     "watch": ("services.cli.watch:watch", "Watch workers and running optimisations live."),
     "simulate": ("services.cli.simulate:simulate", "Simulate one placement and draw it on its way to rest."),
-    "bench": ("services.cli.bench:bench", "Measure the simulator, with other simulators beside it."),
+    "bench": ("services.cli.bench:bench", "Measure the simulator and the optimiser, with others beside them."),
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),

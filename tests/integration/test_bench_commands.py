@@ -98,3 +98,12 @@ def test_an_error_is_one_line_that_says_expected_and_got(arguments: tuple[str, .
     assert expected in done.stderr
     assert "Traceback" not in done.stderr
     assert not (ROOT / "out" / "none").exists()
+
+
+def test_a_step_of_the_optimiser_is_measured_beside_scikit_learn_and_botorch_in_the_same_run():
+    done = frugal("bench", "optimizer", "--seeds", 1, "--json")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert {"overhead_ms_at_50", "sklearn_ms_at_50", "botorch_ms_at_50"} <= set(figures)
+    assert figures["botorch_ratio"] > 10
+    assert figures["overhead_processor_ms_at_50"] > figures["planner_processor_ms_at_50"] > 0

@@ -5,13 +5,15 @@ from numpy.typing import NDArray
 
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.planner import Planner
+from common.planning.space import Space
 
 
 class UcbPlan(Plan):
     """Ask where the upper confidence bound of the reward is highest, see `Planner`."""
 
     def __init__(self, setting: Setting) -> None:
-        self._planner = Planner(setting.problem.limits, seed=setting.seed)
+        space = Space.of(setting.problem)
+        self._planner = Planner(space.limits, seed=setting.seed, circular=space.circular)
 
     def ask(self) -> NDArray[np.float64]:
         """Return the next action ``(n,)``."""

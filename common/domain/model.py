@@ -91,9 +91,7 @@ class PredictiveModel(ABC):
         return Predictions(heights, warnings, self.name, self.version)
 
 
-def check_actions(
-    actions: Floats, largest_batch: int, takes: tuple[tuple[str, ...], ...] = ()
-) -> NDArray[np.float64]:
+def check_actions(actions: Floats, largest_batch: int, takes: tuple[tuple[str, ...], ...] = ()) -> NDArray[np.float64]:
     """Return actions as float64 ``(B, n)``, or raise `RequestError`; ``takes`` as in `PredictiveModel`."""
     checked = np.array(actions, dtype=np.float64)
     if checked.ndim != 2 or not 1 <= len(checked) <= largest_batch:

@@ -64,9 +64,7 @@ def find_places(setting: Setting, *, models: int) -> Places:
     return Places(actions, known[1][chosen], relative_widths(setting, model, actions), model)
 
 
-def best_apart(
-    actions: Float64s, rewards: Float64s, count: int, distance: Float64s, space: Space
-) -> NDArray[np.intp]:
+def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s, space: Space) -> NDArray[np.intp]:
     """Return the indices of the best actions that are further than ``distance`` ``(n,)`` from each other."""
     chosen: list[int] = []
     for index in np.argsort(-rewards, kind="stable"):
@@ -79,7 +77,7 @@ def best_apart(
 
 
 def around(centres: Float64s, steps: Float64s, *, side: int, space: Space) -> Float64s:
-    """Return a grid of ``side`` points a side about each centre ``(K, n)``, of which `design` takes a part above 2-D."""
+    """Return a grid of ``side`` points a side about each centre ``(K, n)``, above 2-D a part of it, see `design`."""
     dimensions = centres.shape[1]
     offsets = (side - 1) * (design(side, dimensions) - 0.5) * steps
     near = (centres[:, None] + offsets).reshape(-1, dimensions)

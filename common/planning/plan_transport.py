@@ -94,7 +94,11 @@ class TransportPlan(Plan):
         mean, deviation = self._corrected()
         if self._told:
             asked = np.stack(self._asked)
-            gaps = ((self._space.gaps(places.actions[:, None], asked) / (SPREAD * self._unit)) ** 2).sum(axis=2).min(axis=1)
+            gaps = (
+                ((self._space.gaps(places.actions[:, None], asked) / (SPREAD * self._unit)) ** 2)
+                .sum(axis=2)
+                .min(axis=1)
+            )
             new = np.flatnonzero(gaps >= 1)
             if not len(new):
                 return -np.inf, places.actions[0]

@@ -64,6 +64,4 @@ def embed(shares: Float64s, circular: NDArray[np.bool_]) -> Float64s:
     if not circular.any():
         return shares
     angle = 2 * np.pi * shares[..., circular]
-    return np.concatenate(
-        [shares[..., ~circular], np.cos(angle) / (2 * np.pi), np.sin(angle) / (2 * np.pi)], axis=-1
-    )
+    return np.concatenate([shares[..., ~circular], np.cos(angle) / (2 * np.pi), np.sin(angle) / (2 * np.pi)], axis=-1)

@@ -18,8 +18,8 @@ KEPT = 32
 class PlatingYawTransport(Transport):
     """Turn the settled surface ``S_k`` of ``a_k`` about the item's centre by the difference in yaw, then move it.
 
-    In the formula of `PlatingTransport` ``shift(S_k, ...)`` shifts the turned surface, ``m(a)`` is of the item as the yaw
-    of ``a`` turns it. Where the yaws are equal the answer is that of `PlatingTransport` to the bit.
+    In the formula of `PlatingTransport` the turned surface is shifted, and ``m(a)`` is of the item as the yaw of ``a``
+    turns it. Where the yaws are equal the answer is that of `PlatingTransport` to the bit.
 
     Args:
         state: Scene and item.

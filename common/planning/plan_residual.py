@@ -16,7 +16,10 @@ UNKNOWN = 0.4
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
 """Grids around the best simulated action: step in finest distances, points a side."""
 GAIN, PATIENCE = 1e-5, 5
-"""The plan ends after so many calls without such a gain [m]."""
+"""The plan ends after so many calls without such a gain [m], above two parameters n times as many.
+
+A call tells about one direction from the best action, and there are more of them.
+"""
 
 
 class ResidualPlan(Plan):
@@ -36,6 +39,7 @@ class ResidualPlan(Plan):
         self._calls = min(calls, setting.evaluations)
         self._unit = finest(setting)
         self._space = Space.of(setting.problem)
+        self._patience = PATIENCE * (len(self._unit) if len(self._unit) > 2 else 1)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._asked: list[Float64s] = []
         self._priors: list[float] = []
@@ -46,7 +50,7 @@ class ResidualPlan(Plan):
         """Return the next action ``(n,)``; None if the budget is spent or no call has gained anything lately."""
         if not self._asked:
             self._places = find_places(self._setting, models=1)
-        if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
+        if len(self._asked) == self._calls or self._idle >= self._patience or self._best_reward >= -GAIN:
             return None
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else math.sqrt(BETA)
         actions, prior, widths = self._candidates()

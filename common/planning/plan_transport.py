@@ -122,11 +122,9 @@ class TransportPlan(Plan):
         """Return the best action in nested grids around a simulated one, and its score."""
         score = -np.inf
         for step, side in GRIDS:
-            for _ in range(max(len(centre) - 1, 1)):  # above two parameters a grid has gaps: again from its best point
-                actions = around(centre[None], step * self._unit, side=side, space=self._space)
-                scores = self._scores(actions, *self._fuse(actions), curiosity)
-                if not (scores.max() > score or not np.isfinite(score)):
-                    break
+            actions = around(centre[None], step * self._unit, side=side, space=self._space)
+            scores = self._scores(actions, *self._fuse(actions), curiosity)
+            if scores.max() > score or not np.isfinite(score):
                 score, centre = float(scores.max()), actions[int(scores.argmax())]
         return score, centre
 

@@ -33,7 +33,8 @@ class PlatingYawTransport(Transport):
         self._outcome = np.asarray(outcome, dtype=np.float32)
         self._before = turned_heights(state.item.heights, state.grid, float(self._action[2]))
         rows, columns = np.nonzero(state.item.heights)
-        self._radius = float(np.sqrt((state.grid.x[columns] ** 2 + state.grid.y[rows] ** 2).mean()))
+        squares = state.grid.x[columns] ** 2 + state.grid.y[rows] ** 2
+        self._radius, self._reach = float(np.sqrt(squares.mean())), float(np.sqrt(squares.max()))
         self._turned: dict[float, PlatingTransport] = {}
 
     def outcomes(self, actions: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -77,11 +78,17 @@ class PlatingYawTransport(Transport):
         )
 
     def _carried(self, yaw: float) -> NDArray[np.float32]:
-        """Return the settled surface turned about ``a_k`` ``(H, W)`` [m]."""
+        """Return the settled surface turned about ``a_k`` as far as the item may lie there ``(H, W)`` [m]."""
         angle = yaw - float(self._action[2])
         if angle == 0:
             return self._outcome
         grid = self._state.grid
-        column, row = self._action[:2] / grid.cell + np.array([grid.columns - 1, grid.rows - 1]) / 2
-        taps = turn_taps(grid.shape, angle, centre=(row, column), window=(slice(0, grid.rows), slice(0, grid.columns)))
-        return (taps.weights * self._outcome[taps.rows, taps.columns]).sum(axis=0)
+        centre = self._action[1::-1] / grid.cell + (np.array(grid.shape) - 1) / 2
+        reach = self._reach / grid.cell + 2
+        low = np.clip(np.floor(centre - reach).astype(int), 0, grid.shape)
+        high = np.clip(np.ceil(centre + reach).astype(int) + 1, 0, grid.shape)
+        window = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+        taps = turn_taps(grid.shape, angle, centre=(float(centre[0]), float(centre[1])), window=window)
+        carried = self._outcome.copy()
+        carried[window] = (taps.weights * self._outcome[taps.rows, taps.columns]).sum(axis=0)
+        return carried

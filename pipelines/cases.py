@@ -17,6 +17,7 @@ from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
 from common.storage.cases import read_case, write_case
+from common.tasks import TASKS
 from common.tasks.plating_sampler import Settler, sample_action, sample_item, sample_scene
 from common.tasks.plating_turn import turned_state
 
@@ -81,7 +82,7 @@ def make_case(recipe: CaseRecipe, *, settle: Settler, model: PredictiveModel, gr
     Raises:
         ModelError: No draw gave a target at rest.
     """
-    reason = ""
+    reason, task = "", TASKS["plating_yaw" if recipe.yaw else "plating"]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([recipe.seed, attempt])
         scene = sample_scene(rng, grid, settle=settle, layout=recipe.layout)
@@ -93,7 +94,7 @@ def make_case(recipe: CaseRecipe, *, settle: Settler, model: PredictiveModel, gr
         else:
             action = sample_action(rng, maker, place=recipe.place)
         try:
-            outcome = model.predict(maker, action[None])
+            outcome = task.adapt_model(model).predict(maker, action[None])
         except ModelError as error:
             reason = str(error)
             continue
@@ -107,7 +108,7 @@ def make_case(recipe: CaseRecipe, *, settle: Settler, model: PredictiveModel, gr
                 true_action,
                 recipe.same_item,
                 recipe.notes,
-                task="plating_yaw" if recipe.yaw else "plating",
+                task=task.name,
             )
         reason = outcome.warnings[0]
     raise ModelError(f"{recipe.name}: expected a target at rest within {ATTEMPTS} draws, the last failed: {reason}")

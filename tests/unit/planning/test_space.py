@@ -69,7 +69,7 @@ def test_a_kernel_over_embedded_points_is_positive_definite():
 @pytest.mark.parametrize("side", [3, 5, 17])
 def test_a_design_holds_its_middle_and_few_values_of_each_coordinate(dimensions: int, side: int):
     points = design(side, dimensions)
-    assert len(points) <= max(side**min(dimensions, 2), (dimensions - 1) * side**2)
+    assert len(points) <= max(side ** min(dimensions, 2), (dimensions - 1) * side**2)
     assert (np.abs(points - 0.5).max(axis=1) < 1e-12).any()
     assert all(len(np.unique(column)) == side for column in points.T)
     assert len(np.unique(points, axis=0)) == len(points)

@@ -1,7 +1,7 @@
 """Results on disk and as a figure say what the trials say."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 from common.domain.case import Case
 from common.domain.model import Event
 from common.domain.trial import Result, Trial
-from common.storage.results import action_error, summarize, write_result
+from common.storage.results import action_error, other_errors, summarize, write_result
 from pipelines.figures import draw_placement, save_figure
 from tests.fakes import make_state
 
@@ -44,6 +44,30 @@ def test_a_target_of_another_item_has_no_action_error():
     other = Case("case", 1, STATE, STATE.scene.heights, (0.01, 0.02), False)
     assert action_error(RESULT, other) is None
     assert summarize(RESULT, case=other, settings={})["action_error_m"] is None
+
+
+def turned(yaw: float, true_yaw: float) -> tuple[Result, Case]:
+    case = Case("case", 1, STATE, STATE.scene.heights, (0.01, 0.02, true_yaw), True, task="plating_yaw")
+    return replace(RESULT, action=(0.013, 0.024, yaw), trials=()), case
+
+
+def test_the_error_of_the_yaw_is_kept_apart_and_goes_the_short_way_round():
+    result, case = turned(3.1, -3.1)
+    assert action_error(result, case) == pytest.approx(0.005)
+    assert other_errors(result, case) == {"yaw_error_rad": pytest.approx(2 * np.pi - 6.2)}
+    assert summarize(result, case=case, settings={})["other_errors"]["yaw_error_rad"] == pytest.approx(2 * np.pi - 6.2)
+    assert other_errors(RESULT, CASE) == {}
+    assert other_errors(result, replace(case, same_item=False)) == {}
+
+
+def test_the_figure_shows_the_item_as_it_is_turned():
+    result, case = turned(np.pi / 2, 0.0)
+    figure = draw_placement(case, result)
+    outlines = [max(axes.collections[-1].get_paths(), key=len).vertices for axes in (figure.axes[0], figure.axes[3])]
+    (wide, high), (turned_wide, turned_high) = (np.ptp(outline, axis=0) for outline in outlines)
+    assert (turned_wide, turned_high) == pytest.approx((high, wide), abs=0.3)
+    assert abs(wide - high) > 0.5
+    assert "turned by +90.0°" in figure.get_suptitle()
 
 
 def test_every_trial_and_the_summary_are_written(tmp_path: Path):

@@ -148,7 +148,7 @@ def test_the_simulator_turns_its_bodies_and_meshes_nothing_again():
     assert isinstance(TASK.adapt_model(HeuristicModel()), TurnedModel)
     simulator.predict(STATES["rigid"], ACTIONS)
     placement = simulator.placement(STATES["rigid"])
-    simulator.predict(STATES["rigid"], ACTIONS + [0, 0, 0.1])
+    simulator.predict(STATES["rigid"], ACTIONS + np.array([0, 0, 0.1]))
     assert simulator.placement(STATES["rigid"]) is placement
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.storage.cases import read_cases
-from common.tasks.plating import Plating
 from common.tasks import TASKS
+from common.tasks.plating import Plating
 from pipelines.cases import BUNDLED, BUNDLED_YAW
 
 FOLDER = Path(__file__).parents[3] / "examples" / "scenes"

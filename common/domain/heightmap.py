@@ -68,18 +68,17 @@ def turn_taps(
         centre: What stays where it is, row and column [cells].
         window: Rows and columns of the turned image that are wanted.
     """
-    down = np.arange(window[0].start, window[0].stop)[:, None] - centre[0]
-    along = np.arange(window[1].start, window[1].stop)[None, :] - centre[1]
+    down = np.arange(window[0].start, window[0].stop, dtype=np.float64)[:, None] - centre[0]
+    along = np.arange(window[1].start, window[1].stop, dtype=np.float64)[None, :] - centre[1]
     cos, sin = np.cos(angle), np.sin(angle)
     # Rounded so that quarter turns meet whole cells.
-    places = [np.round(centre[0] + cos * down - sin * along, 9), np.round(centre[1] + cos * along + sin * down, 9)]
-    whole = [np.floor(place).astype(np.intp) for place in places]
-    part = [(place - first).astype(np.float32) for place, first in zip(places, whole, strict=True)]
-    rows = np.stack([whole[0], whole[0], whole[0] + 1, whole[0] + 1])
-    columns = np.stack([whole[1], whole[1] + 1, whole[1], whole[1] + 1])
-    weights = np.stack(
-        [(1 - part[0]) * (1 - part[1]), (1 - part[0]) * part[1], part[0] * (1 - part[1]), part[0] * part[1]]
-    )
+    place_row: NDArray[np.float64] = np.round(centre[0] + cos * down - sin * along, 9)
+    place_column: NDArray[np.float64] = np.round(centre[1] + cos * along + sin * down, 9)
+    row, column = np.floor(place_row).astype(np.intp), np.floor(place_column).astype(np.intp)
+    part_row, part_column = (place_row - row).astype(np.float32), (place_column - column).astype(np.float32)
+    rows, columns = np.stack([row, row, row + 1, row + 1]), np.stack([column, column + 1, column, column + 1])
+    left, below = 1 - part_column, 1 - part_row
+    weights = np.stack([below * left, below * part_column, part_row * left, part_row * part_column])
     inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
     return Taps(
         window, rows.clip(0, shape[0] - 1), columns.clip(0, shape[1] - 1), np.where(inside, weights, np.float32(0))

@@ -72,8 +72,8 @@ def turn_taps(
     along = np.arange(window[1].start, window[1].stop, dtype=np.float64)[None, :] - centre[1]
     cos, sin = np.cos(angle), np.sin(angle)
     # Rounded so that quarter turns meet whole cells.
-    place_row: NDArray[np.float64] = np.round(centre[0] + cos * down - sin * along, 9)
-    place_column: NDArray[np.float64] = np.round(centre[1] + cos * along + sin * down, 9)
+    place_row = (centre[0] + cos * down - sin * along).round(9)
+    place_column = (centre[1] + cos * along + sin * down).round(9)
     row, column = np.floor(place_row).astype(np.intp), np.floor(place_column).astype(np.intp)
     part_row, part_column = (place_row - row).astype(np.float32), (place_column - column).astype(np.float32)
     rows, columns = np.stack([row, row, row + 1, row + 1]), np.stack([column, column + 1, column, column + 1])

@@ -85,8 +85,8 @@ def case(dataset: Dataset) -> Case:
 
 
 def test_cards_name_the_parameters(system: System):
-    cards = [status.card for status in client.list_workers(system.session) if status.address.role != "orchestrator"]
-    assert len(cards) == 2
+    cards = [status.card for status in client.list_workers(system.session)]
+    assert len(cards) == 3
     assert {card.parameters for card in cards if card is not None} == {("x", "y", "yaw")}
 
 

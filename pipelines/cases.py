@@ -17,7 +17,9 @@ from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
 from common.storage.cases import read_case, write_case
+from common.tasks import TASKS
 from common.tasks.plating_sampler import Settler, sample_action, sample_item, sample_scene
+from common.tasks.plating_turn import turned_state
 
 ATTEMPTS = 20
 
@@ -35,6 +37,7 @@ class CaseRecipe:
         place: Where the hidden action is, see `common.tasks.plating_sampler.PLACES`.
         same_item: Whether the target is made with the state's own item.
         notes: One sentence about what it shows.
+        yaw: Whether the hidden action also turns the item, by any angle: a case of ``plating_yaw``.
     """
 
     name: str
@@ -45,6 +48,7 @@ class CaseRecipe:
     place: str | None = None
     same_item: bool = True
     notes: str = ""
+    yaw: bool = False
 
 
 BUNDLED = (
@@ -59,6 +63,12 @@ BUNDLED = (
 )
 """The scenes in ``examples/scenes``."""
 
+BUNDLED_YAW = (
+    CaseRecipe("11-turned-irregular", 901, "small_heaps", "irregular", False, "heap_edge", notes="Turned.", yaw=True),
+    CaseRecipe("12-turned-rigid", 902, "side_heap", "t_bone", True, "anywhere", notes="A turned T-bone.", yaw=True),
+)
+"""The scenes in ``examples/scenes_yaw``."""
+
 
 def make_case(recipe: CaseRecipe, *, settle: Settler, model: PredictiveModel, grid: Grid) -> Case:
     """Draw a state and a hidden action, and simulate the action as target; draw again where it does not rest.
@@ -72,31 +82,43 @@ def make_case(recipe: CaseRecipe, *, settle: Settler, model: PredictiveModel, gr
     Raises:
         ModelError: No draw gave a target at rest.
     """
-    reason = ""
+    reason, task = "", TASKS["plating_yaw" if recipe.yaw else "plating"]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([recipe.seed, attempt])
         scene = sample_scene(rng, grid, settle=settle, layout=recipe.layout)
         state = State(scene, sample_item(rng, grid, kind=recipe.kind, rigid=recipe.rigid))
         maker = state if recipe.same_item else State(scene, sample_item(rng, grid, rigid=recipe.rigid))
-        action = sample_action(rng, maker, place=recipe.place)
+        if recipe.yaw:
+            yaw = rng.uniform(-np.pi, np.pi)
+            action = np.append(sample_action(rng, turned_state(maker, yaw), place=recipe.place), yaw)
+        else:
+            action = sample_action(rng, maker, place=recipe.place)
         try:
-            outcome = model.predict(maker, action[None])
+            outcome = task.adapt_model(model).predict(maker, action[None])
         except ModelError as error:
             reason = str(error)
             continue
         if not outcome.warnings[0]:
             true_action = tuple(float(number) for number in action)
             return Case(
-                recipe.name, recipe.seed, state, outcome.heights[0], true_action, recipe.same_item, recipe.notes
+                recipe.name,
+                recipe.seed,
+                state,
+                outcome.heights[0],
+                true_action,
+                recipe.same_item,
+                recipe.notes,
+                task=task.name,
             )
         reason = outcome.warnings[0]
     raise ModelError(f"{recipe.name}: expected a target at rest within {ATTEMPTS} draws, the last failed: {reason}")
 
 
-def random_recipes(count: int, seed: int) -> tuple[CaseRecipe, ...]:
+def random_recipes(count: int, seed: int, *, yaw: bool = False) -> tuple[CaseRecipe, ...]:
     """Return recipes in which everything is drawn; every second target is made with another item."""
     return tuple(
-        CaseRecipe(f"{seed}-{index:05d}", seed * 100_003 + index, same_item=index % 2 == 0) for index in range(count)
+        CaseRecipe(f"{seed}-{index:05d}", seed * 100_003 + index, same_item=index % 2 == 0, yaw=yaw)
+        for index in range(count)
     )
 
 
@@ -156,16 +178,21 @@ def _sha256(path: Path) -> str:
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("examples/scenes"), show_default=True)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="[default: examples/scenes, with --yaw examples/scenes_yaw]"
+)
+@click.option("--yaw", is_flag=True, help="Cases of plating_yaw: hidden actions also turn the item.")
 @click.option("--count", type=click.IntRange(1, 100_000), help="Make random cases instead of the bundled ones.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random cases.")
 @click.option("--force", is_flag=True, help="Make every case again.")
-def main(out: Path, count: int | None, seed: int, force: bool) -> None:
+def main(out: Path | None, yaw: bool, count: int | None, seed: int, force: bool) -> None:
     """Settle scenes, simulate their targets and write them as case files."""
     from services.simulator.model import SimulatorModel
     from services.simulator.settle import settle_boxes
 
-    recipes = BUNDLED if count is None else random_recipes(count, seed)
+    out = out or Path("examples/scenes_yaw" if yaw else "examples/scenes")
+    bundled = BUNDLED_YAW if yaw else BUNDLED
+    recipes = bundled if count is None else random_recipes(count, seed, yaw=yaw)
     try:
         with Progress(console=Console(stderr=True)) as progress:
             made = make_cases(

@@ -14,6 +14,8 @@ from common.domain.case import Case
 from common.domain.grid import Floats, Grid
 from common.domain.heightmap import shift
 from common.domain.trial import Result, Trial
+from common.storage.results import other_errors
+from common.tasks.plating_turn import turned_heights
 
 MODEL_STYLES: dict[str, tuple[str, str]] = {
     "heuristic": ("#E69F00", "^"),
@@ -93,7 +95,8 @@ def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, fl
 
 
 def _draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
-    moved = shift(item, action[0] / grid.cell, action[1] / grid.cell)
+    turned = turned_heights(item, grid, action[2]) if len(action) == 3 else item
+    moved = shift(turned, action[0] / grid.cell, action[1] / grid.cell)
     ax.contour(
         grid.x * CM,
         grid.y * CM,
@@ -139,8 +142,10 @@ def _draw_trials(ax: Axes, trials: Sequence[Trial]) -> list[Line2D]:
 
 def _headline(case: Case, result: Result) -> str:
     text = f"{case.name}: best action ({result.action[0] * CM:+.2f}, {result.action[1] * CM:+.2f}) cm, "
+    text += "".join(f"turned by {np.degrees(yaw):+.1f}°, " for yaw in result.action[2:])
     text += f"mean height error {-result.reward * 1e3:.2f} mm"
     if case.true_action is not None and case.same_item:
         error = float(np.hypot(*np.subtract(result.action[:2], case.true_action[:2])))
-        text += f", {error * 1e3:.2f} mm from the true action"
+        turned = "".join(f" and {np.degrees(value):.1f}°" for value in other_errors(result, case).values())
+        text += f", {error * 1e3:.2f} mm{turned} from the true action"
     return text

@@ -237,7 +237,14 @@ def run_orchestrator(settings: WireSettings, own: OrchestratorSettings, *, task:
 
     def build(session: Session) -> Host:
         orchestrator = Orchestrator(task, Directory(session, task=task.name), own, instance=instance)
-        card = Card(task=task.name, role="orchestrator", model=None, instance=instance, version=VERSION)
+        card = Card(
+            task=task.name,
+            role="orchestrator",
+            model=None,
+            instance=instance,
+            version=VERSION,
+            parameters=task.names,
+        )
         endpoints = [orchestrator.endpoint()]
         return Host(session, card, endpoints, threads=own.requests, queue_length=own.queue_length)
 

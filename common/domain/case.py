@@ -19,9 +19,10 @@ class Case:
         seed: Seed of every random choice that made it.
         state: Scene and item, ``s_0``.
         target: Heightmap to be reached ``(H, W)``, ``s_g`` [m].
-        true_action: The hidden action that made the target [m]; None if nobody knows it.
+        true_action: The hidden action that made the target; None if nobody knows it.
         same_item: Whether the target was made with the state's own item.
         notes: One sentence about what it shows.
+        task: The task whose action made the target.
 
     Raises:
         RequestError: The target does not fit the state, or the action is not finite.
@@ -34,6 +35,7 @@ class Case:
     true_action: tuple[float, ...] | None
     same_item: bool
     notes: str = ""
+    task: str = "plating"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", check_heightmap("target", self.target, self.state.grid))

@@ -49,24 +49,30 @@ class Estimates:
 
 
 class DeviationEstimator(ABC):
-    """An MDE ``m(s_0, a)``: how far a fast model will be from the trusted one."""
+    """An MDE ``m(s_0, a)``: how far a fast model will be from the trusted one.
+
+    Attributes:
+        takes: As in `PredictiveModel`.
+    """
 
     model: str
     version: str
     largest_batch: int = 4096
+    takes: tuple[tuple[str, ...], ...] = (("x", "y"),)
 
     @abstractmethod
     def deviations(self, state: State, actions: NDArray[np.float64]) -> Estimates:
-        """Return the estimates for actions ``(B, 2)`` [m]."""
+        """Return the estimates for actions ``(B, n)``."""
 
     def estimate(self, state: State, actions: Floats) -> Estimates:
         """Estimate the deviation of every action.
 
         Raises:
-            RequestError: ``actions`` is not ``(B, n)`` of finite numbers, or exceeds ``largest_batch``.
+            RequestError: ``actions`` is not ``(B, n)`` of finite numbers, exceeds ``largest_batch``, or has other
+                parameters than the MDE takes.
             ModelError: The estimator returned something of the wrong shape or not finite.
         """
-        checked = check_actions(actions, self.largest_batch)
+        checked = check_actions(actions, self.largest_batch, self.takes)
         estimates = self.deviations(state, checked)
         for name in ("mean", "upper", "familiar"):
             values = getattr(estimates, name)

@@ -55,24 +55,29 @@ class PredictiveModel(ABC):
     """A model ``f(s_0, a) -> s_T``: one state, a batch of actions.
 
     A subclass sets ``name`` and ``version``, and computes in `outcomes`; the base checks both sides.
+
+    Attributes:
+        takes: The action parameters that it understands, one tuple of names for each form; empty: any.
     """
 
     name: str
     version: str
     largest_batch: int = 64
+    takes: tuple[tuple[str, ...], ...] = (("x", "y"),)
 
     @abstractmethod
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
-        """Return heightmaps ``(B, H, W)`` [m] and a warning per action (empty: none) for actions ``(B, 2)`` [m]."""
+        """Return heightmaps ``(B, H, W)`` [m] and a warning per action (empty: none) for actions ``(B, n)``."""
 
     def predict(self, state: State, actions: Floats) -> Predictions:
         """Predict the outcome of every action.
 
         Raises:
-            RequestError: ``actions`` is not ``(B, n)`` of finite numbers, or exceeds ``largest_batch``.
+            RequestError: ``actions`` is not ``(B, n)`` of finite numbers, exceeds ``largest_batch``, or has other
+                parameters than the model takes.
             ModelError: The model returned something of the wrong shape or not finite.
         """
-        checked = check_actions(actions, self.largest_batch)
+        checked = check_actions(actions, self.largest_batch, self.takes)
         heights, warnings = self.outcomes(state, checked)
         expected = (len(checked), *state.grid.shape)
         heights = np.asarray(heights, dtype=np.float32)
@@ -86,11 +91,19 @@ class PredictiveModel(ABC):
         return Predictions(heights, warnings, self.name, self.version)
 
 
-def check_actions(actions: Floats, largest_batch: int) -> NDArray[np.float64]:
-    """Return actions as float64 ``(B, n)``, or raise `RequestError`."""
+def check_actions(actions: Floats, largest_batch: int, takes: tuple[tuple[str, ...], ...] = ()) -> NDArray[np.float64]:
+    """Return actions as float64 ``(B, n)``, or raise `RequestError`; ``takes`` as in `PredictiveModel`."""
     checked = np.array(actions, dtype=np.float64)
     if checked.ndim != 2 or not 1 <= len(checked) <= largest_batch:
         raise RequestError(f"actions: expected shape (B, n) with B from 1 to {largest_batch}, got {checked.shape}")
+    check_parameters(checked.shape[1], takes)
     if not np.isfinite(checked).all():
         raise RequestError("actions: expected finite numbers, got NaN or infinite ones")
     return checked
+
+
+def check_parameters(count: int, takes: tuple[tuple[str, ...], ...]) -> None:
+    """Raise `RequestError` if no form of an action has so many parameters; an empty ``takes`` allows any number."""
+    if takes and count not in {len(names) for names in takes}:
+        forms = " or ".join(f"{len(names)} ({', '.join(names)})" for names in takes)
+        raise RequestError(f"actions: expected {forms} parameters each, got {count}")

@@ -1,13 +1,14 @@
 """How far a cheap model's rewards are from the trusted one's, everywhere, from where both are known."""
 
 from collections.abc import Sequence
+from math import sqrt
 
 import numpy as np
 
 from common.planning.gp import Float64s, GaussianProcess
 
 LENGTH = 0.1
-"""Length scale as a share of the range."""
+"""Length scale as a share of the range in 2-D; it grows as distances in the unit cube do with its dimension."""
 NOISE = 1e-3
 """Variance of the noise as a share of the discrepancy's."""
 WIDTH = 4e-4
@@ -30,7 +31,8 @@ def discrepancy(
     count, dimensions = len(known), actions.shape[1]
     if not count:
         return np.zeros(len(actions)), np.full(len(actions), WIDTH)
-    process = GaussianProcess(np.full((1, dimensions), LENGTH), noise=NOISE, candidates=np.zeros((0, dimensions)))
+    length = LENGTH * sqrt(max(dimensions, 2) / 2)
+    process = GaussianProcess(np.full((1, dimensions), length), noise=NOISE, candidates=np.zeros((0, dimensions)))
     for action in (*known, *pending):
         process.append(action)
     variance = (WIDTH**2 + ((differences - differences.mean()) ** 2).sum()) / count

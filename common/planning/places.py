@@ -7,12 +7,15 @@ from numpy.typing import NDArray
 
 from common.planning.gp import Float64s
 from common.planning.plan import Setting
-from common.planning.ucb import lattice, quasi_random
+from common.planning.space import Space
+from common.planning.ucb import design
 
 FINEST_SHARE = 1 / 640
 """The distance at which outcomes begin to differ, as a share of the task's range: 0.25 mm in plating."""
 COARSE, FINE = 40, 10
 """Steps of the sweep and of the search around its best places, in finest distances."""
+COARSER = (40, 20)
+"""Above two parameters the sweep leaves larger gaps: steps of the searches before that, in finest distances."""
 SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
@@ -50,22 +53,22 @@ def find_places(setting: Setting, *, models: int) -> Places:
         setting: The optimisation.
         models: How many of the cheap models to ask.
     """
-    unit = finest(setting)
-    known, model = _sweep(setting, unit)
+    unit, space = finest(setting), Space.of(setting.problem)
+    known, model = _sweep(setting, unit, space)
     for name in setting.cheap[1:models] if model else setting.cheap[1:]:
-        better = _look_closer(setting, name, known, unit)
+        better = _look_closer(setting, name, known, unit, space)
         if better is not None:
             known, model = better, name
-    chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit)
+    chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit, space)
     actions = known[0][chosen]
     return Places(actions, known[1][chosen], relative_widths(setting, model, actions), model)
 
 
-def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s) -> NDArray[np.intp]:
+def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s, space: Space) -> NDArray[np.intp]:
     """Return the indices of the best actions that are further than ``distance`` ``(n,)`` from each other."""
     chosen: list[int] = []
     for index in np.argsort(-rewards, kind="stable"):
-        gaps = np.abs(actions[chosen] - actions[index]) / distance
+        gaps = np.abs(space.gaps(actions[chosen], actions[index])) / distance
         if not len(chosen) or ((gaps**2).sum(axis=1) >= 1).all():
             chosen.append(int(index))
         if len(chosen) == count:
@@ -73,44 +76,47 @@ def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float
     return np.array(chosen, dtype=np.intp)
 
 
-def around(centres: Float64s, steps: Float64s, *, side: int, limits: Float64s) -> Float64s:
-    """Return a grid of ``side`` points a side about each centre ``(K, n)``, within the limits ``(n, 2)``."""
+def around(centres: Float64s, steps: Float64s, *, side: int, space: Space) -> Float64s:
+    """Return a grid of ``side`` points a side about each centre ``(K, n)``, above 2-D a part of it, see `design`."""
     dimensions = centres.shape[1]
-    offsets = (side - 1) * (_unit_cube(side, dimensions) - 0.5) * steps
+    offsets = (side - 1) * (design(side, dimensions) - 0.5) * steps
     near = (centres[:, None] + offsets).reshape(-1, dimensions)
-    return np.unique(np.clip(near, limits[:, 0], limits[:, 1]), axis=0)
+    return np.unique(space.confine(near), axis=0)
 
 
-def _sweep(setting: Setting, unit: Float64s) -> tuple[tuple[Float64s, Float64s], str]:
-    limits = setting.problem.limits
+def _sweep(setting: Setting, unit: Float64s, space: Space) -> tuple[tuple[Float64s, Float64s], str]:
+    limits = space.limits
     side = int(np.clip(np.ceil(np.ptp(limits, axis=1) / (COARSE * unit)).max() + 1, 2, SIDE_MOST))
-    actions = limits[:, 0] + _unit_cube(side, len(limits)) * np.ptp(limits, axis=1)
+    actions = limits[:, 0] + design(side, len(limits)) * np.ptp(limits, axis=1)
+    if space.circular.any():
+        actions = np.unique(space.confine(actions), axis=0)
     for model in setting.cheap[:1]:
         rewards = setting.survey.rewards(model, actions)
         if rewards is None:
             continue
-        best = best_apart(actions, rewards, DOZEN // 2, SPREAD * unit)
-        near = around(actions[best], FINE * unit, side=5, limits=limits)
-        finer = setting.survey.rewards(model, near)
-        if finer is not None:
-            actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, finer])
+        searches = [*((step, 3) for step in COARSER if len(limits) > 2), (FINE, 5)]
+        for step, points in searches:
+            best = best_apart(actions, rewards, DOZEN // 2, SPREAD * unit, space)
+            near = around(actions[best], step * unit, side=points, space=space)
+            finer = setting.survey.rewards(model, near)
+            if finer is not None:
+                actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, finer])
         return (actions, rewards), model
     middle = np.argsort((((actions - limits.mean(axis=1)) / unit) ** 2).sum(axis=1), kind="stable")
     return (actions[middle], np.zeros(len(actions))), ""
 
 
 def _look_closer(
-    setting: Setting, model: str, known: tuple[Float64s, Float64s], unit: Float64s
+    setting: Setting, model: str, known: tuple[Float64s, Float64s], unit: Float64s, space: Space
 ) -> tuple[Float64s, Float64s] | None:
     """Return what a dearer model says about the dozen best places and around the best of them."""
-    limits = setting.problem.limits
-    actions = known[0][best_apart(*known, DOZEN, SPREAD / 2 * unit)]
+    actions = known[0][best_apart(*known, DOZEN, SPREAD / 2 * unit, space)]
     rewards = setting.survey.rewards(model, actions)
     if rewards is None:
         return None
     for step in (2 * FINE, FINE):
-        near = around(actions[[int(rewards.argmax())]], step * unit, side=3, limits=limits)
-        near = near[(np.abs(near[:, None] - actions).max(axis=2) > unit.min() / 4).all(axis=1)]
+        near = around(actions[[int(rewards.argmax())]], step * unit, side=3, space=space)
+        near = near[(np.abs(space.gaps(near[:, None], actions) / unit).max(axis=2) > 1 / 4).all(axis=1)]
         more = setting.survey.rewards(model, near) if len(near) else None
         if more is not None:
             actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, more])
@@ -123,7 +129,3 @@ def relative_widths(setting: Setting, model: str, actions: Float64s) -> Float64s
     if found is None or found.mean.mean() <= 0:
         return np.ones(len(actions))
     return np.maximum(found.mean / found.mean.mean(), 0.1)
-
-
-def _unit_cube(side: int, dimensions: int) -> Float64s:
-    return lattice(side, dimensions) if dimensions <= 2 else quasi_random(min(side**2, 512), dimensions)

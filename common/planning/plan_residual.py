@@ -8,6 +8,7 @@ from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
 from common.planning.places import DOZEN, around, best_apart, find_places, finest, relative_widths
 from common.planning.plan import Outcome, Plan, Setting
+from common.planning.space import Space, embed
 
 BETA = 4.0
 UNKNOWN = 0.4
@@ -15,7 +16,10 @@ UNKNOWN = 0.4
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
 """Grids around the best simulated action: step in finest distances, points a side."""
 GAIN, PATIENCE = 1e-5, 5
-"""The plan ends after so many calls without such a gain [m]."""
+"""The plan ends after so many calls without such a gain [m], above two parameters n times as many.
+
+A call tells about one direction from the best action, and there are more of them.
+"""
 
 
 class ResidualPlan(Plan):
@@ -34,6 +38,8 @@ class ResidualPlan(Plan):
         self._setting = setting
         self._calls = min(calls, setting.evaluations)
         self._unit = finest(setting)
+        self._space = Space.of(setting.problem)
+        self._patience = PATIENCE * (len(self._unit) if len(self._unit) > 2 else 1)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._asked: list[Float64s] = []
         self._priors: list[float] = []
@@ -44,13 +50,13 @@ class ResidualPlan(Plan):
         """Return the next action ``(n,)``; None if the budget is spent or no call has gained anything lately."""
         if not self._asked:
             self._places = find_places(self._setting, models=1)
-        if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
+        if len(self._asked) == self._calls or self._idle >= self._patience or self._best_reward >= -GAIN:
             return None
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else math.sqrt(BETA)
         actions, prior, widths = self._candidates()
         mean, deviation = self._residual(actions)
         bound = self._free(actions, prior + mean + curiosity * widths * deviation)
-        few = best_apart(actions, bound, DOZEN, self._unit)
+        few = best_apart(actions, bound, DOZEN, self._unit, self._space)
         fused = self._fused(actions[few], prior[few])
         chosen = int(self._free(actions[few], bound[few] + fused - prior[few]).argmax())
         self._asked.append(actions[few[chosen]])
@@ -73,8 +79,8 @@ class ResidualPlan(Plan):
         if not self._rewards:
             return places.actions, places.rewards, places.widths
         centre = self._asked[max(self._rewards, key=self._rewards.__getitem__)][None]
-        limits = self._setting.problem.limits
-        near = np.concatenate([around(centre, step * self._unit, side=side, limits=limits) for step, side in GRIDS])
+        space = self._space
+        near = np.concatenate([around(centre, step * self._unit, side=side, space=space) for step, side in GRIDS])
         rewards = self._setting.survey.rewards(places.model, near) if places.model else np.zeros(len(near))
         if rewards is None:
             return places.actions, places.rewards, places.widths
@@ -86,9 +92,12 @@ class ResidualPlan(Plan):
         """Return mean and standard deviation [m] of the residual at actions ``(B, n)``."""
         told = [index for index in range(len(self._asked)) if index in self._rewards]
         known = np.array([self._asked[index] for index in told]).reshape(-1, len(self._range))
-        pending = [asked / self._range for index, asked in enumerate(self._asked) if index not in self._rewards]
+        pending = [self._share(asked) for index, asked in enumerate(self._asked) if index not in self._rewards]
         residuals = np.array([self._rewards[index] - self._priors[index] for index in told])
-        return discrepancy(known / self._range, residuals, pending, actions / self._range)
+        return discrepancy(self._share(known), residuals, pending, self._share(actions))
+
+    def _share(self, actions: Float64s) -> Float64s:
+        return embed(actions / self._range, self._space.circular)
 
     def _fused(self, actions: Float64s, rewards: Float64s) -> Float64s:
         """Return the rewards by all cheap models, weighted by ``1 / MDE^2``."""
@@ -109,6 +118,6 @@ class ResidualPlan(Plan):
     def _free(self, actions: Float64s, bound: Float64s) -> Float64s:
         """Return the bound, impossible at asked actions."""
         for asked in self._asked:
-            near = (((actions - asked) / self._unit) ** 2).sum(axis=1) < 0.4**2
+            near = ((self._space.gaps(actions, asked) / self._unit) ** 2).sum(axis=1) < 0.4**2
             bound = np.where(near, -np.inf, bound)
         return bound

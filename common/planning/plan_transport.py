@@ -8,6 +8,7 @@ from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
 from common.planning.places import SPREAD, around, best_apart, find_places, finest
 from common.planning.plan import Outcome, Plan, Setting
+from common.planning.space import Space, embed
 
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
 """Nested grids around the best: step in finest distances, points a side."""
@@ -44,6 +45,7 @@ class TransportPlan(Plan):
         self._calls = min(calls, setting.evaluations)
         self._models = models
         self._unit = finest(setting)
+        self._space = Space.of(setting.problem)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._asked: list[Float64s] = []
         self._told: dict[int, tuple[Transport, float]] = {}
@@ -92,12 +94,16 @@ class TransportPlan(Plan):
         mean, deviation = self._corrected()
         if self._told:
             asked = np.stack(self._asked)
-            gaps = (((places.actions[:, None] - asked) / (SPREAD * self._unit)) ** 2).sum(axis=2).min(axis=1)
+            gaps = (
+                ((self._space.gaps(places.actions[:, None], asked) / (SPREAD * self._unit)) ** 2)
+                .sum(axis=2)
+                .min(axis=1)
+            )
             new = np.flatnonzero(gaps >= 1)
             if not len(new):
                 return -np.inf, places.actions[0]
             bound = (mean + curiosity * deviation)[new]
-            apart = new[best_apart(places.actions[new], bound, FAR_PLACES, SPREAD / 2 * self._unit)]
+            apart = new[best_apart(places.actions[new], bound, FAR_PLACES, SPREAD / 2 * self._unit, self._space)]
             actions = places.actions[apart]
             mean, deviation = mean[apart], deviation[apart]
         else:
@@ -109,14 +115,14 @@ class TransportPlan(Plan):
         """Return the best action in nested grids around each of the best simulated ones, with its score."""
         actions = np.stack([self._asked[index] for index in self._told])
         rewards = np.array([reward for _, reward in self._told.values()])
-        peaks = best_apart(actions, rewards, PEAKS, SPREAD * self._unit)
+        peaks = best_apart(actions, rewards, PEAKS, SPREAD * self._unit, self._space)
         return [self._climb(actions[peak], curiosity) for peak in peaks]
 
     def _climb(self, centre: Float64s, curiosity: float) -> tuple[float, Float64s]:
         """Return the best action in nested grids around a simulated one, and its score."""
         score = -np.inf
         for step, side in GRIDS:
-            actions = around(centre[None], step * self._unit, side=side, limits=self._setting.problem.limits)
+            actions = around(centre[None], step * self._unit, side=side, space=self._space)
             scores = self._scores(actions, *self._fuse(actions), curiosity)
             if scores.max() > score or not np.isfinite(score):
                 score, centre = float(scores.max()), actions[int(scores.argmax())]
@@ -125,7 +131,7 @@ class TransportPlan(Plan):
     def _fuse(self, actions: Float64s) -> tuple[Float64s, Float64s]:
         """Return mean and standard deviation of the rewards of actions ``(B, n)``."""
         weighted, weights = np.zeros(len(actions)), np.zeros(len(actions))
-        for index in self._around(actions.mean(axis=0)):
+        for index in self._around(self._space.middle(actions)):
             transport = self._told[index][0]
             weight = 1 / transport.errors(actions) ** 2
             weighted += weight * transport.rewards(actions, self._setting.problem.target)
@@ -134,14 +140,15 @@ class TransportPlan(Plan):
 
     def _around(self, middle: Float64s) -> set[int]:
         """Return the simulations that are nearest to an action, and the best one."""
-        near = sorted(self._told, key=lambda index: float((((self._asked[index] - middle) / self._unit) ** 2).sum()))
+        distance = {i: float(((self._space.gaps(self._asked[i], middle) / self._unit) ** 2).sum()) for i in self._told}
+        near = sorted(self._told, key=distance.__getitem__)
         return {*near[:NEAREST], max(self._told, key=lambda index: self._told[index][1])}
 
     def _scores(self, actions: Float64s, mean: Float64s, deviation: Float64s, curiosity: float) -> Float64s:
         """Return ``mean + curiosity deviation``, lowered near pending actions and impossible at asked ones."""
         scores = mean + curiosity * deviation
         for index, asked in enumerate(self._asked):
-            distance = np.sqrt((((actions - asked) / self._unit) ** 2).sum(axis=1))
+            distance = np.sqrt(((self._space.gaps(actions, asked) / self._unit) ** 2).sum(axis=1))
             if index not in self._told:
                 scores = scores - deviation * np.exp(-distance / FAR_PLACES)
             scores = np.where(distance < 0.4, -np.inf, scores)
@@ -164,9 +171,13 @@ class TransportPlan(Plan):
         places, scale = self._places, self._range
         known = [index for index in self._told if index in self._errors]
         found, deviation = discrepancy(
-            np.array([self._asked[index] for index in known]).reshape(-1, len(scale)) / scale,
+            self._share(np.array([self._asked[index] for index in known]).reshape(-1, len(scale))),
             np.array([self._errors[index] for index in known]),
-            [asked / scale for index, asked in enumerate(self._asked) if index not in self._errors],
-            places.actions / scale,
+            [self._share(asked) for index, asked in enumerate(self._asked) if index not in self._errors],
+            self._share(places.actions),
         )
         return places.rewards + found, deviation * places.widths
+
+    def _share(self, actions: Float64s) -> Float64s:
+        """Return actions ``(..., n)`` as shares of the range, circles laid out in the plane."""
+        return embed(actions / self._range, self._space.circular)

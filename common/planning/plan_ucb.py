@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.planner import Planner
+from common.planning.space import Space
 
 
 class MakePlanner(Protocol):
     """Makes a planner of an optimisation, `Planner` or one that asks the same way."""
 
-    def __call__(self, bounds: NDArray[np.float64], *, seed: int) -> Planner:
-        """Return a planner for bounds ``(n, 2)``."""
+    def __call__(self, bounds: NDArray[np.float64], *, seed: int, circular: NDArray[np.bool_] | None = None) -> Planner:
+        """Return a planner for bounds ``(n, 2)``; some parameters may be circles ``(n,)``."""
         ...
 
 
@@ -26,7 +27,8 @@ class UcbPlan(Plan):
     """
 
     def __init__(self, setting: Setting, *, make_planner: MakePlanner = Planner) -> None:
-        self._planner = make_planner(setting.problem.limits, seed=setting.seed)
+        space = Space.of(setting.problem)
+        self._planner = make_planner(space.limits, seed=setting.seed, circular=space.circular)
 
     def ask(self) -> NDArray[np.float64]:
         """Return the next action ``(n,)``."""

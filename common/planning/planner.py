@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from common.domain.errors import RequestError
 from common.planning.gp import Float64s, GaussianProcess
 from common.planning.problem import check_bounds
-from common.planning.ucb import is_free, maximise, quasi_random, spread
+from common.planning.space import embed
+from common.planning.ucb import is_free, maximise, neighbourhoods, quasi_random, spread
 
 BETA = 4.0
 INITIAL = 6
@@ -22,7 +23,7 @@ SCALE_MEDIAN, SCALE_DEVIATION = 0.18, 0.5
 NOISE = 1e-4
 """Variance of the noise as a share of the rewards' variance."""
 RADII = (1 / 64, 1 / 256, 1 / 1024)
-"""Neighbourhoods that are searched around the best candidates, as shares of the range."""
+"""Neighbourhoods that are searched around the best candidates up to 2-D, as shares of the range."""
 LARGEST = 256
 """Rewards that the process holds at most; beyond, half of them are left out."""
 
@@ -56,12 +57,21 @@ class Planner:
         seed: Moves the initial actions.
         beta: Weight of the uncertainty: the bound is ``mean + sqrt(beta) std``.
         initial: Number of actions asked before the model has a say.
+        circular: Which parameters are circles that the bounds close ``(n,)``; None: none.
 
     Raises:
         RequestError: The bounds are empty, not finite or of the wrong shape.
     """
 
-    def __init__(self, bounds: NDArray[np.float64], *, seed: int, beta: float = BETA, initial: int = INITIAL) -> None:
+    def __init__(
+        self,
+        bounds: NDArray[np.float64],
+        *,
+        seed: int,
+        beta: float = BETA,
+        initial: int = INITIAL,
+        circular: NDArray[np.bool_] | None = None,
+    ) -> None:
         limits = check_bounds(bounds)
         self._lower, self._range = limits[:, 0], limits[:, 1] - limits[:, 0]
         dimensions = len(limits)
@@ -69,11 +79,14 @@ class Planner:
         self._initial = initial
         self._shift = np.random.default_rng(seed).random(dimensions)
         self._candidates = spread(dimensions)
+        self._circular = np.zeros(dimensions, dtype=bool) if circular is None else circular
+        self._radii = RADII if dimensions <= 2 else neighbourhoods(dimensions, RADII[-1])
+        embedded = embed(self._candidates, self._circular)
         # Distances in the unit cube grow with the square root of its dimension, and so must length scales.
         scales = np.array(SCALES) * math.sqrt(dimensions / 2)
         self._log_prior = -((np.log(np.array(SCALES) / SCALE_MEDIAN) / SCALE_DEVIATION) ** 2) / 2
         self._process = GaussianProcess(
-            np.repeat(scales[:, None], dimensions, axis=1), noise=NOISE, candidates=self._candidates
+            np.repeat(scales[:, None], embedded.shape[1], axis=1), noise=NOISE, candidates=embedded
         )
         self._modelled: list[int] = []
         self._left_out: set[int] = set()
@@ -120,7 +133,12 @@ class Planner:
         """Return what the rewards so far say about all others."""
         fit = self._process.fit(self._update())
         scale = int((fit.log_likelihood + self._log_prior).argmax())
-        return lambda points: self._process.predict(fit, points, scale=scale)
+
+        def belief(points: Float64s | None) -> tuple[Float64s, Float64s]:
+            seen = None if points is None else embed(points, self._circular)
+            return self._process.predict(fit, seen, scale=scale)
+
+        return belief
 
     def _highest_bound(self) -> Float64s:
         """Return the point ``(n,)`` to ask next."""
@@ -138,8 +156,9 @@ class Planner:
             bound,
             np.stack([self._candidates[best], self._candidates[likely], self._points[incumbent]]),
             np.array([bounds[best], bounds[likely], -np.inf]),
-            radii=RADII,
+            radii=self._radii,
             taken=np.stack(self._points),
+            circular=self._circular if self._circular.any() else None,
         )
 
     def _update(self) -> Float64s:
@@ -155,6 +174,6 @@ class Planner:
             same += 1
         self._process.truncate(same)
         for index in order[same:]:
-            self._process.append(self._points[index])
+            self._process.append(embed(self._points[index], self._circular))
         self._modelled = order
         return np.array([self._rewards[i] for i in told])

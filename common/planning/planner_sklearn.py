@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from common.domain.errors import RequestError
 from common.planning.gp import Float64s
 from common.planning.planner import INITIAL, NOISE, SCALE_MEDIAN, Belief, Planner
+from common.planning.space import embed
 
 SCALE_LIMITS, NOISE_LIMITS = (0.03, 1.0), (1e-6, 1e-2)
 """Between which length scale and noise are fitted."""
@@ -26,16 +27,24 @@ class SklearnPlanner(Planner):
         RequestError: The bounds are no bounds, or scikit-learn is not installed.
     """
 
-    def __init__(self, bounds: NDArray[np.float64], *, seed: int, initial: int = INITIAL) -> None:
+    def __init__(
+        self,
+        bounds: NDArray[np.float64],
+        *,
+        seed: int,
+        initial: int = INITIAL,
+        circular: NDArray[np.bool_] | None = None,
+    ) -> None:
         if find_spec("sklearn") is None:
             raise RequestError(
                 "scikit-learn: expected it to be installed, got none; run pip install -e '.[bench]' in the checkout"
             )
-        super().__init__(bounds, seed=seed, initial=initial)
+        super().__init__(bounds, seed=seed, initial=initial, circular=circular)
 
     def _belief(self) -> Belief:
-        told = np.stack([self._points[index] for index in self._rewards])
-        untold = [point for index, point in enumerate(self._points) if index not in self._rewards]
+        points = embed(np.stack(self._points), self._circular)
+        told = points[[*self._rewards]]
+        untold = [point for index, point in enumerate(points) if index not in self._rewards]
         process = _fitted(told, np.array([*self._rewards.values()]))
         if untold:
             believed = process.predict(np.stack(untold))
@@ -44,7 +53,8 @@ class SklearnPlanner(Planner):
             )
 
         def belief(points: Float64s | None) -> tuple[Float64s, Float64s]:
-            return process.predict(self._candidates if points is None else points, return_std=True)
+            seen = embed(self._candidates if points is None else points, self._circular)
+            return process.predict(seen, return_std=True)
 
         return belief
 

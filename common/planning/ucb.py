@@ -1,5 +1,6 @@
 """GP-UCB: where the upper confidence bound of the reward is highest, in the unit cube of 1 to 6 dimensions."""
 
+import math
 from collections.abc import Callable
 from functools import cache
 
@@ -37,6 +38,32 @@ def offsets(dimensions: int) -> Float64s:
     return 2 * lattice(33 if dimensions == 1 else 9, dimensions) - 1
 
 
+def design(side: int, dimensions: int) -> Float64s:
+    """Return points of a regular grid over the unit cube with ``side`` points a side, all of them up to 2-D ``(M, n)``.
+
+    Above, the whole grid would be too many: the lines through its middle along each axis, and quasi-random ones of its
+    points, ``(n - 1) side^2`` in all at most. Every coordinate takes ``side`` values, so that what costs time for every
+    new value of a parameter costs it ``side`` times.
+    """
+    if dimensions <= 2:
+        return lattice(side, dimensions)
+    most = (dimensions - 1) * side**2
+    if side**dimensions <= most:
+        return lattice(side, dimensions)
+    steps = np.linspace(0, 1, side)
+    lines = np.full((dimensions, side, dimensions), steps[side // 2])
+    for axis in range(dimensions):
+        lines[axis, :, axis] = steps
+    among = steps[np.minimum((quasi_random(most - dimensions * side, dimensions) * side).astype(int), side - 1)]
+    return np.unique(np.concatenate([lines.reshape(-1, dimensions), among]), axis=0)
+
+
+def neighbourhoods(dimensions: int, finest: float) -> tuple[float, ...]:
+    """Return radii that halve from the distance between the candidates of `spread` above 2-D to the finest one."""
+    first = 4096 ** (-1 / dimensions)
+    return tuple(first / 2**step for step in range(math.ceil(math.log2(first / finest)) + 1))
+
+
 def lattice(count: int, dimensions: int) -> Float64s:
     """Return a regular grid over the unit cube with ``count`` points a side ``(count^n, n)``."""
     axes = np.meshgrid(*[np.linspace(0, 1, count)] * dimensions, indexing="ij")
@@ -50,6 +77,7 @@ def maximise(
     *,
     radii: tuple[float, ...],
     taken: Float64s,
+    circular: NDArray[np.bool_] | None = None,
 ) -> Float64s:
     """Return the point ``(n,)`` where the bound is highest in nested neighbourhoods of several centres.
 
@@ -59,11 +87,13 @@ def maximise(
         heights: The bound there ``(K,)``, -inf for a centre that must not be returned itself.
         radii: Half the width of each neighbourhood, decreasing.
         taken: Points not to be returned again ``(N, n)``.
+        circular: Which coordinates are circles ``(n,)``, None: none.
     """
     steps = offsets(centres.shape[1])
     rows = np.arange(len(centres))
     for radius in radii:
-        near = np.clip(centres[:, None] + radius * steps, 0, 1)
+        near = centres[:, None] + radius * steps
+        near = np.clip(near, 0, 1) if circular is None else np.where(circular, near % 1, np.clip(near, 0, 1))
         flat = near.reshape(-1, near.shape[-1])
         bounds = np.where(is_free(flat, taken), bound(flat), -np.inf).reshape(near.shape[:2])
         peaks = bounds.argmax(axis=1)

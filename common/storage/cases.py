@@ -16,6 +16,7 @@ from common.domain.grid import Grid
 from common.domain.scene import Item, Scene, State
 
 FORMAT = "frugal-case-1"
+DEFAULT_TASK = "plating"
 
 
 def write_case(path: Path, case: Case) -> None:
@@ -30,6 +31,8 @@ def write_case(path: Path, case: Case) -> None:
         "same_item": case.same_item,
         "notes": case.notes,
     }
+    if case.task != DEFAULT_TASK:  # files of the default task keep their bytes
+        about["task"] = case.task
     arrays: dict[str, NDArray[Any]] = {
         "about": np.array(json.dumps(about)),
         "scene_heights": scene.heights,
@@ -104,6 +107,7 @@ def _case(arrays: dict[str, NDArray[Any]]) -> Case:
         true_action=None if action is None else tuple(float(number) for number in action),
         same_item=bool(about["same_item"]),
         notes=str(about["notes"]),
+        task=str(about.get("task", DEFAULT_TASK)),
     )
 
 

@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from common.domain.case import Case
+from common.domain.parameter import differences
 from common.domain.trial import Result
+from common.tasks import TASKS
 
 
 def summarize(result: Result, *, case: Case, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a program wants to know of a result, ready for JSON.
 
     ``action_error_m`` is the distance to the true action; None where another item made the target, or nobody knows it.
+    ``other_errors`` holds the errors of parameters that are no lengths, ``yaw_error_rad`` for instance.
     """
     return {
         "case": case.name,
@@ -24,6 +27,7 @@ def summarize(result: Result, *, case: Case, settings: Mapping[str, Any]) -> dic
         "true_action": None if case.true_action is None else list(case.true_action),
         "same_item": case.same_item,
         "action_error_m": action_error(result, case),
+        "other_errors": other_errors(result, case),
         "reward": result.reward,
         "evaluations": len(result.trials),
         "usage": result.usage,
@@ -38,10 +42,26 @@ def summarize(result: Result, *, case: Case, settings: Mapping[str, Any]) -> dic
 
 
 def action_error(result: Result, case: Case) -> float | None:
-    """Return the Euclidean distance between best and true action [m], as in the paper; None if it means nothing."""
+    """Return the Euclidean distance between best and true action [m], as in the paper; None if it means nothing.
+
+    It is taken over the parameters that are lengths; `other_errors` has the others.
+    """
+    lengths = [gap for gap, unit in _gaps(result, case).values() if unit == "m"]
+    return float(np.linalg.norm(lengths)) if lengths else None
+
+
+def other_errors(result: Result, case: Case) -> dict[str, float]:
+    """Return ``<parameter>_error_<unit>`` for parameters that are no lengths, the short way round where they turn."""
+    return {f"{name}_error_{unit}": abs(gap) for name, (gap, unit) in _gaps(result, case).items() if unit != "m"}
+
+
+def _gaps(result: Result, case: Case) -> dict[str, tuple[float, str]]:
+    """Return by parameter how far the answer is from the true action, and the unit; nothing if that means nothing."""
     if case.reference_action is None:
-        return None
-    return float(np.linalg.norm(np.subtract(result.action, case.reference_action)))
+        return {}
+    parameters = TASKS[case.task].parameters
+    gaps = differences(parameters, np.array(result.action), np.array(case.reference_action))
+    return {p.name: (float(gap), p.unit) for p, gap in zip(parameters, gaps, strict=True)}
 
 
 def write_result(folder: Path, result: Result, *, case: Case, settings: Mapping[str, Any]) -> None:

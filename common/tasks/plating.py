@@ -7,6 +7,7 @@ from common.domain.bodies import Bodies, Box, Plate
 from common.domain.grid import SUBSAMPLES, Floats, Grid
 from common.domain.scene import Scene, State
 from common.domain.task import Task
+from common.domain.transport import Transport
 from common.tasks.plating_transport import PlatingTransport
 
 FLAT_RADIUS, RIM_RADIUS, RIM_HEIGHT = 0.080, 0.120, 0.020
@@ -30,7 +31,7 @@ class Plating(Task):
             ]
         )
 
-    def transport(self, state: State, action: NDArray[np.float64], outcome: Floats) -> PlatingTransport:
+    def transport(self, state: State, action: NDArray[np.float64], outcome: Floats) -> Transport:
         """Return the settled surface as it moves with the item."""
         return PlatingTransport(state, action, outcome)
 

@@ -25,15 +25,29 @@ class PlatingTransport(Transport):
         state: Scene and item.
         action: The action ``a_k`` ``(2,)`` [m].
         outcome: Its outcome ``S_k`` ``(H, W)`` [m].
+        carried: What is shifted instead of ``S_k`` ``(H, W)`` [m]: ``S_k`` turned about ``a_k``.
+        before: The item's heights in ``m(a_k)`` ``(H, W)`` [m], where it was turned before it was placed.
+        after: The same in ``m(a)``.
     """
 
-    def __init__(self, state: State, action: NDArray[np.float64], outcome: Floats) -> None:
+    def __init__(
+        self,
+        state: State,
+        action: NDArray[np.float64],
+        outcome: Floats,
+        *,
+        carried: Floats | None = None,
+        before: Floats | None = None,
+        after: Floats | None = None,
+    ) -> None:
         self._cell = state.grid.cell
         self._action = np.asarray(action, dtype=np.float64)
         self._outcome = np.asarray(outcome, dtype=np.float32)
         self._scene = state.scene.heights
-        self._item = state.item.heights
-        rows, columns = np.nonzero(state.item.heights)
+        self._item = state.item.heights if after is None else np.asarray(after, dtype=np.float32)
+        self._carried = self._outcome if carried is None else np.asarray(carried, dtype=np.float32)
+        self._before = state.item.heights if before is None else np.asarray(before, dtype=np.float32)
+        rows, columns = np.nonzero(self._item + self._before)
         self._corners = np.array([[rows.min(), columns.min()], [rows.max() + 1, columns.max() + 1]])
 
     def outcomes(self, actions: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -45,8 +59,7 @@ class PlatingTransport(Transport):
 
     def errors(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``sqrt(NOISE^2 + (NEAR min(d / NEAR_DISTANCE, 1))^2 + (FAR d)^2)`` for a distance d to ``a_k`` [m]."""
-        distance = np.linalg.norm(actions - self._action, axis=1)
-        return np.sqrt(NOISE**2 + (NEAR * np.minimum(distance / NEAR_DISTANCE, 1)) ** 2 + (FAR * distance) ** 2)
+        return errors_at(np.linalg.norm(actions - self._action, axis=1))
 
     def rewards(self, actions: NDArray[np.float64], target: Floats) -> NDArray[np.float64]:
         """Return the rewards ``(B,)`` [m]; only the cells that the item may reach are computed again."""
@@ -65,16 +78,22 @@ class PlatingTransport(Transport):
         high = np.ceil(places.max(axis=0)).astype(int) + self._corners[1] + 1
         low, high = np.maximum(low, 0), np.minimum(high, self._outcome.shape)
         window = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-        covers = _moved(self._item, places, window) / np.float32(FULL_THICKNESS)
-        np.clip(covers, 0, 1, out=covers)
-        mask, before = covers[:-1], covers[-1]
+        mask, before = (
+            np.clip(_moved(item, at, window) / np.float32(FULL_THICKNESS), 0, 1)
+            for item, at in ((self._item, places[:-1]), (self._before, places[-1:]))
+        )
         surface, scene = self._outcome[window], self._scene[window]
-        patches = _moved(self._outcome, places[:-1] - places[-1], window)
+        patches = _moved(self._carried, places[:-1] - places[-1], window)
         patches -= surface
         patches *= mask
         patches += surface
         patches += np.maximum(before - mask, 0) * (scene - surface)
         return window, patches
+
+
+def errors_at(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the errors of rewards that are transported over a distance ``(B,)`` [m]."""
+    return np.sqrt(NOISE**2 + (NEAR * np.minimum(distance / NEAR_DISTANCE, 1)) ** 2 + (FAR * distance) ** 2)
 
 
 def _moved(image: NDArray[np.float32], cells: NDArray[np.float64], window: tuple[slice, slice]) -> NDArray[np.float32]:

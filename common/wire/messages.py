@@ -45,7 +45,10 @@ class StateRequest(Request):
 
     state: Digest | None = Field(default=None, description="The state's digest.")
     content: StateMessage | None = Field(default=None, description="The state itself, where the worker lacks it.")
-    actions: Array = Field(description="Actions (B, n) [m]; for plating the item's centre (x, y) for each.")
+    actions: Array = Field(
+        description="Actions (B, n); for plating the item's centre (x, y) [m] for each, for plating_yaw also its "
+        "yaw, counter-clockwise [rad]."
+    )
 
     @model_validator(mode="after")
     def _names_a_state(self) -> Self:
@@ -144,6 +147,9 @@ class Card(Reply):
     device: str = Field(default="cpu", description="What it computes on.")
     grid: GridMessage | None = Field(default=None, description="The only grid that it takes, null: any.")
     largest_batch: int = Field(default=1, ge=1, description="Most actions in one request.")
+    parameters: tuple[str, ...] = Field(
+        default=(), description="Names of the action's parameters, in order, x and y [m] and yaw [rad]; empty: unknown."
+    )
     protocol: int = VERSION
     cost: tuple[Cost, ...] = ()
 

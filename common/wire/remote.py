@@ -32,6 +32,7 @@ class RemoteModel(PredictiveModel):
         self.name = name
         self.version = card.version
         self.largest_batch = card.largest_batch
+        self.takes = _takes(card)
         self._directory = directory
         self._limits = limits
 
@@ -42,7 +43,7 @@ class RemoteModel(PredictiveModel):
 
     def predict(self, state: State, actions: Floats) -> Predictions:
         """Predict the outcome of every action on the least loaded worker; errors as in `dispatch`."""
-        checked = check_actions(actions, self.largest_batch)
+        checked = check_actions(actions, self.largest_batch, self.takes)
         expected = (len(checked), *state.grid.shape)
 
         def check(reply: PredictReply) -> None:
@@ -91,6 +92,7 @@ class RemoteEstimator(DeviationEstimator):
         self.model = model
         self.version = card.version
         self.largest_batch = card.largest_batch
+        self.takes = _takes(card)
         self._directory = directory
         self._limits = limits
 
@@ -100,7 +102,7 @@ class RemoteEstimator(DeviationEstimator):
 
     def estimate(self, state: State, actions: Floats) -> Estimates:
         """Estimate the deviation of every action on the least loaded worker; errors as in `dispatch`."""
-        checked = check_actions(actions, self.largest_batch)
+        checked = check_actions(actions, self.largest_batch, self.takes)
 
         def check(reply: EstimateReply) -> None:
             for name in ("mean", "upper", "familiar"):
@@ -143,3 +145,7 @@ def _card(card: Card | None) -> Card:
     if card is None:
         raise AssertionError("the directory waits for workers with cards")
     return card
+
+
+def _takes(card: Card) -> tuple[tuple[str, ...], ...]:
+    return (card.parameters,) if card.parameters else ()

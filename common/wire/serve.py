@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.domain.deviation import DeviationEstimator
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
-from common.domain.model import PredictiveModel
+from common.domain.model import PredictiveModel, check_parameters
 from common.domain.scene import State
 from common.wire.call import Call
 from common.wire.codec import MAX_REPLY_BYTES
@@ -41,6 +41,7 @@ def host_model(
     weights: str | None = None,
     device: str = "cpu",
     grid: Grid | None = None,
+    parameters: tuple[str, ...] = (),
     queue_length: int = 16,
 ) -> Host:
     """Return a worker that predicts with ``model``; one batch is one computation, one at a time.
@@ -53,6 +54,7 @@ def host_model(
         weights: SHA-256 of its weights.
         device: What it computes on.
         grid: The only grid that it takes, None: any.
+        parameters: Names of the parameters of the task's actions; empty: those of the only form that it takes.
         queue_length: Requests that may wait; more are answered ``busy``.
     """
     meter, name = CostMeter(), instance or new_id()[:8]
@@ -76,6 +78,7 @@ def host_model(
         device=device,
         grid=grid and GridMessage.of(grid),
         largest_batch=model.largest_batch,
+        parameters=_parameters(parameters, model.takes),
     )
     endpoint = Endpoint("predict", PredictRequest, predict, Preparation(card, StateCache()), identity)
     return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
@@ -90,6 +93,7 @@ def host_estimator(
     weights: str | None = None,
     device: str = "cpu",
     grid: Grid | None = None,
+    parameters: tuple[str, ...] = (),
     queue_length: int = 16,
 ) -> Host:
     """Return a worker that estimates deviations; arguments as in `host_model`."""
@@ -116,6 +120,7 @@ def host_estimator(
         device=device,
         grid=grid and GridMessage.of(grid),
         largest_batch=estimator.largest_batch,
+        parameters=_parameters(parameters, estimator.takes),
     )
     endpoint = Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)
     return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
@@ -141,6 +146,7 @@ class Preparation:
                 f"actions: expected numbers of shape (B, n) with B from 1 to {self._card.largest_batch}, "
                 f"got {request.actions.dtype} of shape {actions.shape}"
             )
+        check_parameters(actions.shape[1], (self._card.parameters,) if self._card.parameters else ())
         state = self._states.resolve(request.state, request.content)
         grid = self._card.grid
         if grid is not None and grid.grid() != state.grid:
@@ -151,6 +157,11 @@ class Preparation:
                 f"got {len(actions)} of {state.grid.rows} x {state.grid.columns} cells"
             )
         return state, np.asarray(actions, dtype=np.float64)
+
+
+def _parameters(names: tuple[str, ...], takes: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """Return the parameters to put on a card: those of the task, else the only ones that are taken, else none."""
+    return names or (takes[0] if len(takes) == 1 else ())
 
 
 def identity(request: StateRequest) -> tuple[Any, ...] | None:

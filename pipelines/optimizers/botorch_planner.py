@@ -27,6 +27,7 @@ class BotorchPlanner(Planner):
         seed: Seed of the initial actions and of the restarts.
         acquisition: ``logei`` or ``ucb``, this with our beta.
         initial: Number of actions asked before the model has a say.
+        circular: Which parameters are circles; BoTorch's kernel takes them for intervals.
 
     Raises:
         RequestError: The bounds are no bounds, or BoTorch is not installed.
@@ -39,8 +40,9 @@ class BotorchPlanner(Planner):
         seed: int,
         acquisition: Literal["logei", "ucb"],
         initial: int = INITIAL,
+        circular: NDArray[np.bool_] | None = None,
     ) -> None:
-        super().__init__(bounds, seed=seed, initial=initial)
+        super().__init__(bounds, seed=seed, initial=initial, circular=circular)
         self._seed = seed
         self._acquisition = acquisition
         import_botorch()

@@ -8,7 +8,8 @@ from common.domain.case import Case
 from common.domain.errors import RequestError
 from common.storage.cases import read_case
 
-SCENES = Path(__file__).resolve().parents[2] / "examples" / "scenes"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+SCENES = (EXAMPLES / "scenes", EXAMPLES / "scenes_yaw")
 """The bundled scenes of a checkout."""
 
 
@@ -21,10 +22,10 @@ def find_case(name: str) -> Case:
     path = Path(name)
     if path.suffix == ".npz" or path.exists():
         return read_case(path)
-    bundled = sorted(found.stem for found in SCENES.glob("*.npz"))
+    bundled = {found.stem: found for folder in SCENES for found in sorted(folder.glob("*.npz"))}
     if name not in bundled:
         raise RequestError(f"expected a case file or one of {', '.join(bundled) or 'no bundled scene'}, got {name!r}")
-    return read_case(SCENES / f"{name}.npz")
+    return read_case(bundled[name])
 
 
 def say(text: str) -> None:

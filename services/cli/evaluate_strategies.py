@@ -10,7 +10,7 @@ import click
 
 from common.domain.errors import RequestError
 from common.domain.model import PredictiveModel
-from services.cli.asking import SCENES, say
+from services.cli.asking import say
 from services.cli.progress import bars
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def kit(family: tuple[str, ...]) -> "Kit":
     return Kit(
         {name: find_member(name) for name in family},
         estimators,
-        {name: scaling(name, estimator) for name, estimator in estimators.items()},
+        {name: scaling(name) for name, estimator in estimators.items()},
         trusted=family[-1],
         make_trusted=partial(find_member, family[-1]),
     )
@@ -186,32 +186,22 @@ def find_estimator(name: str) -> "NetworkEstimator":
     return read_estimator(released(f"mde_{name}"), model=name, threads=1)
 
 
-def scaling(name: str, estimator: "NetworkEstimator") -> "Scaling":
+def scaling(name: str) -> "Scaling":
     """Return what the card of an MDE says about its training data.
 
-    Where the card does not tell the mean deviation, it is that of the MDE's estimates all over the bundled scenes.
-
     Raises:
-        RequestError: The card does not say which deviation counts as 1.
+        RequestError: The card says neither which deviation counts as 1 nor their mean.
     """
-    import numpy as np
-
     from common.learning.weights import read_card
-    from common.planning.problem import Problem
-    from common.planning.ucb import lattice
-    from common.storage.cases import read_cases
-    from common.tasks import TASKS
     from pipelines.evaluate.strategies_controls import Scaling
     from services.cli.released import released
 
     card = read_card(released(f"mde_{name}"))
-    if card.deviation_scale_m is None:
-        raise RequestError(f"mde_{name}: expected deviation_scale_m on its card, got none")
     mean = card.metrics.get("deviation_mean")
-    if mean is None:
-        problems = [Problem(TASKS["plating"], case.state, case.target) for case in read_cases(SCENES)]
-        limits = [(problem.state, problem.limits[:, 0], np.ptp(problem.limits, axis=1)) for problem in problems]
-        mean = np.mean([estimator.estimate(state, low + lattice(8, 2) * wide).mean for state, low, wide in limits])
+    if card.deviation_scale_m is None or mean is None:
+        raise RequestError(
+            f"mde_{name}: expected deviation_scale_m and the metric deviation_mean on its card, got none"
+        )
     return Scaling(card.deviation_scale_m, float(mean))
 
 

@@ -2,15 +2,18 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from common.domain.case import Case
 from common.domain.trial import Result
-from common.storage.results import action_error, summarize, write_result
+from common.storage.results import action_error, other_errors, summarize, write_result
+from common.tasks import TASKS
 from common.wire import client
 from common.wire.array import Array
 from common.wire.optimization import OptimizeRequest
@@ -30,6 +33,7 @@ from services.cli.asking import find_case, say
     show_default=True,
     help="quality, balanced, fast, transport:calls=N, residual:calls=N, threshold (the paper's), only:<model>, random.",
 )
+@click.option("--task", type=click.Choice(list(TASKS)), help="What the orchestrator serves [default: SCENE's task].")
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
 @click.option("--in-flight", type=click.IntRange(1, 64), default=1, show_default=True, help="Evaluations at a time.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
@@ -37,12 +41,15 @@ from services.cli.asking import find_case, say
 @click.option("--deadline", type=click.FloatRange(0, min_open=True), help="Answer with the best known by then [s].")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for result, trials and figure.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output.")
-def optimize(*, scene: str, out: Path | None, as_json: bool, deadline: float | None, **options: object) -> None:
+def optimize(
+    *, scene: str, task: str | None, out: Path | None, as_json: bool, deadline: float | None, **options: object
+) -> None:
     """Find the best action for SCENE, a case file or the name of a bundled scene.
 
-    Prints the best action, x and y in metres, on standard output.
+    Prints the best action, x and y in metres and yaw in radians where the task has one, on standard output.
     """
     case = find_case(scene)
+    case = case if task is None else retasked(case, task)
     request = make_request(case, deadline_s=deadline, **options)
     if out is not None:
         prepare(out)
@@ -53,7 +60,7 @@ def optimize(*, scene: str, out: Path | None, as_json: bool, deadline: float | N
     if as_json:
         click.echo(json.dumps(summarize(result, case=case, settings=settings_of(request)), indent=2))
     else:
-        click.echo(f"{result.action[0]:.6f} {result.action[1]:.6f}")
+        click.echo(" ".join(f"{value:.6f}" for value in result.action))
         for line in report(case, result):
             say(line)
 
@@ -61,7 +68,17 @@ def optimize(*, scene: str, out: Path | None, as_json: bool, deadline: float | N
 def make_request(case: Case, **options: object) -> OptimizeRequest:
     """Return the request for a case; ``options`` are fields of the message."""
     state, target = StateMessage.of(case.state), Array.of(case.target)
-    return OptimizeRequest.model_validate({"state": state, "target": target, **options})
+    return OptimizeRequest.model_validate({"task": case.task, "state": state, "target": target, **options})
+
+
+def retasked(case: Case, task: str) -> Case:
+    """Return the case as one of another task; its true action is known there only if that task has such an action."""
+    if task == case.task:
+        return case
+    known, count = case.true_action, len(TASKS[task].parameters)
+    if known is not None:
+        known = None if any(known[count:]) else (*known, *(0.0,) * count)[:count]
+    return replace(case, task=task, true_action=known)
 
 
 def settings_of(request: OptimizeRequest) -> dict[str, object]:
@@ -113,13 +130,19 @@ def save(folder: Path, case: Case, request: OptimizeRequest, result: Result) -> 
     say(f"wrote {folder / 'result.json'}, {folder / 'trials.jsonl'}, {png}, {svg}")
 
 
+def told(action: tuple[float, ...]) -> str:
+    """Return an action for a person: the place in millimetres, a turn in degrees."""
+    x, y, *turn = action
+    return f"({x * 1e3:+.2f}, {y * 1e3:+.2f}) mm" + "".join(f" turned by {np.degrees(yaw):+.2f} deg" for yaw in turn)
+
+
 def report(case: Case, result: Result) -> list[str]:
     """Return what a person wants to know, in a few lines."""
     error = action_error(result, case)
-    x, y = (f"{value * 1e3:+.2f}" for value in result.action[:2])
-    where = f"best action ({x}, {y}) mm, mean height error {-result.reward * 1e3:.3f} mm"
+    where = f"best action {told(result.action)}, mean height error {-result.reward * 1e3:.3f} mm"
     if error is not None:
-        where += f", {error * 1e3:.2f} mm from the true action"
+        turned = "".join(f" and {np.degrees(value):.2f} deg" for value in other_errors(result, case).values())
+        where += f", {error * 1e3:.2f} mm{turned} from the true action"
     used = ", ".join(f"{model} {count}" for model, count in sorted(result.usage.items()))
     split = ", ".join(f"{name} {seconds:.2f}" for name, seconds in sorted(result.split_s.items()))
     lines = [

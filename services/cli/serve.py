@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from common.domain.errors import RequestError
+from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
 from common.tasks import TASKS
 from common.wire.settings import WireSettings
@@ -21,6 +22,7 @@ INSTANCE = click.option(
     "--instance", envvar="FRUGAL_INSTANCE", default=own_instance, help="Name of this process in the keys."
 )
 TASK = click.option("--task", type=click.Choice(list(TASKS)), default="plating", show_default=True)
+"""A model or MDE of (x, y) also serves ``plating_yaw``: it is asked about turned items."""
 
 
 @click.group()
@@ -61,20 +63,11 @@ def heuristic(*, instance: str, task: str) -> None:
 @TASK
 def learned(*, weights: Path | None, instance: str, task: str) -> None:
     """Serve the learned model; weights that are not what their card says are refused."""
-    from common.wire.run import run_host
-    from common.wire.serve import host_model
     from services.cli.released import released
     from services.learned.model import LearnedModel
 
     served = LearnedModel.load(weights or released("learned"))
-    sys.exit(
-        run_host(
-            lambda session: host_model(
-                session, served, task=task, instance=instance, weights=served.weights, grid=served.grid
-            ),
-            WireSettings(),
-        )
-    )
+    _serve_model(served, instance=instance, task=task, weights=served.weights, grid=served.grid)
 
 
 @serve.command()
@@ -117,9 +110,13 @@ def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> No
     from services.mde.estimator import read_estimator
 
     served = read_estimator(weights or released(f"mde_{estimated}"), model=estimated, threads=1)
+    chosen = TASKS[task]
+    adapted = chosen.adapt_estimator(served)
     sys.exit(
         run_host(
-            lambda session: host_estimator(session, served, task=task, instance=instance, weights=served.weights),
+            lambda session: host_estimator(
+                session, adapted, task=task, instance=instance, weights=served.weights, parameters=chosen.names
+            ),
             WireSettings(),
         )
     )
@@ -155,13 +152,34 @@ def load_model(where: str) -> PredictiveModel:
     return found()
 
 
-def _serve_model(served: PredictiveModel, *, instance: str, task: str, device: str = "cpu") -> None:
+def _serve_model(
+    served: PredictiveModel,
+    *,
+    instance: str,
+    task: str,
+    device: str = "cpu",
+    weights: str | None = None,
+    grid: Grid | None = None,
+) -> None:
+    """Serve a model as the task takes it until the process is told to stop."""
     from common.wire.run import run_host
     from common.wire.serve import host_model
 
+    chosen = TASKS[task]
+    adapted = chosen.adapt_model(served)
     sys.exit(
         run_host(
-            lambda session: host_model(session, served, task=task, instance=instance, device=device), WireSettings()
+            lambda session: host_model(
+                session,
+                adapted,
+                task=task,
+                instance=instance,
+                weights=weights,
+                device=device,
+                grid=grid,
+                parameters=chosen.names,
+            ),
+            WireSettings(),
         )
     )
 

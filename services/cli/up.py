@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from common.domain.errors import UnavailableError
+from common.tasks import TASKS
 from common.wire.client import list_workers
 from common.wire.keys import Address
 from common.wire.session import open_session, stop_on_signals
@@ -24,11 +25,12 @@ ESTIMATED = ("heuristic", "learned")
 
 
 @click.command()
+@click.option("--task", type=click.Choice(list(TASKS)), default="plating", show_default=True, help="What is served.")
 @click.option("--simulators", type=click.IntRange(1, 64), default=2, show_default=True, help="Simulator workers.")
 @click.option(
     "--logs", type=click.Path(path_type=Path), help="Folder for one log a process; else all on this terminal."
 )
-def up(*, simulators: int, logs: Path | None) -> None:
+def up(*, task: str, simulators: int, logs: Path | None) -> None:
     """Start router, models, their MDEs and orchestrator, and keep them running until interrupted.
 
     The learned model and the MDEs are started where their released weights are.
@@ -41,7 +43,7 @@ def up(*, simulators: int, logs: Path | None) -> None:
     check_free(own)
     compile_kernels()
     with Crew(environment=os.environ | {"FRUGAL_CONNECT": ",".join(settings.listen)}, log_folder=logs) as crew:
-        expected = start_system(crew, simulators=simulators)
+        expected = start_system(crew, simulators=simulators, task=task)
         wait_until_ready(crew, own, expected, stopped=stop.is_set)
         say("ready; stop with Ctrl-C")
         while not stop.wait(0.5):
@@ -61,20 +63,24 @@ def check_free(settings: WireSettings) -> None:
     raise UnavailableError(f"expected nobody to listen at {where}, got a router: is the system up already?")
 
 
-def start_system(crew: Crew, *, simulators: int) -> Counter[str]:
+def start_system(crew: Crew, *, simulators: int, task: str = "plating") -> Counter[str]:
     """Start every process and return how many workers of each name will be there."""
+
+    def start(name: str, *arguments: str) -> None:
+        crew.start(name, *arguments, "--task", task)
+
     crew.start("router", "router")
-    crew.start("heuristic", "heuristic", "--instance", "heuristic-1")
+    start("heuristic", "heuristic", "--instance", "heuristic-1")
     for number in range(1, simulators + 1):
-        crew.start(f"simulator-{number}", "simulator", "--instance", f"simulator-{number}")
-    crew.start("orchestrator", "orchestrator", "--instance", "orchestrator-1")
+        start(f"simulator-{number}", "simulator", "--instance", f"simulator-{number}")
+    start("orchestrator", "orchestrator", "--instance", "orchestrator-1")
     expected = Counter({"heuristic": 1, "simulator": simulators, "orchestrator": 1})
     if is_released("learned"):
-        crew.start("learned", "learned", "--instance", "learned-1")
+        start("learned", "learned", "--instance", "learned-1")
         expected["learned"] = 1
     for model in ESTIMATED:
         if is_released(f"mde_{model}"):
-            crew.start(f"mde-{model}", "mde", "--model", model, "--instance", f"mde-{model}-1")
+            start(f"mde-{model}", "mde", "--model", model, "--instance", f"mde-{model}-1")
             expected[f"mde/{model}"] = 1
     return expected
 

@@ -40,6 +40,7 @@ class SimulatorModel(PredictiveModel):
 
     name = "simulator"
     version = "3"
+    takes = (("x", "y"), ("x", "y", "yaw"))
 
     def __init__(
         self,
@@ -70,6 +71,9 @@ class SimulatorModel(PredictiveModel):
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
         """Return the settled heightmaps ``(B, H, W)`` [m]; a warning says if a placement did not come to rest.
+
+        Actions are ``(B, 2)`` [m] or, with a turn of the item about its centre, ``(B, 3)`` [m, m, rad]. Bodies and mesh
+        are turned as they are: nothing is meshed or drawn again.
 
         Raises:
             RequestError: The state cannot be simulated: an item that does not fit, an action off the grid.

@@ -93,25 +93,30 @@ class Placement:
             for box, body in zip(self.boxes, box_bodies, strict=True)
         ]
         self._canvas = Canvas(self.simulation, self.outline, self.mesh, self.item, state.grid, self.plate)
-        self._before = self._canvas.draw_scene(self._poses(np.zeros((worlds, 3))))[0]
+        self._before = self._canvas.draw_scene(self._poses(np.zeros((worlds, 3)), np.zeros(worlds)))[0]
 
     def run(self, actions: NDArray[np.float64], *, check: Callable[[], None] | None = None) -> Placed:
-        """Place the item at up to ``worlds`` actions ``(B, 2)`` [m].
+        """Place the item at up to ``worlds`` actions: its centre (x, y) [m] and, in a third column, its yaw [rad].
 
         Raises:
             RequestError: An action puts the item's centre off the grid.
         """
         half_x, half_y = self.state.grid.half_extent
-        if (np.abs(actions) > (half_x, half_y)).any():
+        if (np.abs(actions[:, :2]) > (half_x, half_y)).any():
             raise RequestError(
                 f"expected actions on the grid of {half_x:g} x {half_y:g} m about its centre, got {actions}"
             )
         filled = actions[np.minimum(np.arange(self.count), len(actions) - 1)]
-        shifts = np.column_stack([filled, [self.start_height(action) for action in filled]])
-        nodes = np.zeros((self.count, 0, 3)) if self.item else self.mesh.positions + shifts[:, None, :]
+        yaws = filled[:, 2] if filled.shape[1] == 3 else np.zeros(self.count)
+        turns = np.stack([_turn(yaw) for yaw in yaws])
+        heights = [self.start_height(*placed) for placed in zip(filled[:, :2], turns, strict=True)]
+        shifts = np.column_stack([filled[:, :2], heights])
+        nodes = np.zeros((self.count, 0, 3))
+        if self.item is None:
+            nodes = self.mesh.positions @ turns.transpose(0, 2, 1) + shifts[:, None, :]
         self.simulation.place(
             nodes,
-            *self._poses(shifts),
+            *self._poses(shifts, yaws),
             tray=shifts[:, 2],
             item_velocity=-self.settings.tray_speed,
         )
@@ -138,31 +143,47 @@ class Placement:
         heights = np.where(unmoved, seen.heights + seen.uncovered * unexplained, seen.heights)
         return np.where(unmoved & (seen.uncovered == 1), self.state.scene.heights, heights).astype(np.float32)
 
-    def start_height(self, action: NDArray[np.float64]) -> float:
-        """Return the height from which the tray lowers the item: just above the highest thing below it [m]."""
-        ground = self.outline.centres + action
+    def start_height(self, action: NDArray[np.float64], turn: NDArray[np.float64] | None = None) -> float:
+        """Return the height from which the tray lowers the item: just above the highest thing below it [m].
+
+        Args:
+            action: The item's centre ``(2,)`` [m].
+            turn: Rotation matrix of the item ``(3, 3)``, None: as the state shows it.
+        """
+        plane = np.eye(2) if turn is None else turn[:2, :2]
         spread = self.outline.pixel / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        radius = np.linalg.norm(ground[:, None, :] + spread, axis=2)
+        corners = self.outline.centres[:, None, :] + spread
+        radius = np.linalg.norm(corners @ plane.T + action, axis=2)
         highest = float(self.plate.height(radius).max())
         for points in self._box_points:
-            around = points[:, None, :2] - action + np.concatenate([[[0.0, 0.0]], 2 * spread])
+            around = (points[:, None, :2] - action) @ plane + np.concatenate([[[0.0, 0.0]], 2 * spread])
             below = self.outline.locate(around.reshape(-1, 2))[2].reshape(len(points), -1).any(axis=1)
             if below.any():
                 highest = max(highest, float(points[below, 2].max()) + ROUNDING)
         return highest
 
-    def _poses(self, shifts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _poses(
+        self, shifts: NDArray[np.float64], yaws: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return positions ``(W, M, 3)`` [m] and orientations ``(W, M, 4)`` of item, if rigid, and boxes."""
         positions = np.array([box.position for box in self.boxes]).reshape(-1, 3)
         orientations = np.array([box.orientation for box in self.boxes]).reshape(-1, 4)
         positions = np.repeat(positions[None], self.count, axis=0)
         orientations = np.repeat(orientations[None], self.count, axis=0)
         if self.item is not None:
-            own = (self.item.centre + shifts)[:, None, :]
-            upright = np.tile([0.0, 0.0, 0.0, 1.0], (self.count, 1, 1))
+            turns = np.stack([_turn(yaw) for yaw in yaws])
+            own = (turns @ self.item.centre + shifts)[:, None, :]
+            nothing = np.zeros(self.count)
+            upright = np.column_stack([nothing, nothing, np.sin(yaws / 2), np.cos(yaws / 2)])[:, None, :]
             positions = np.concatenate([own, positions], axis=1)
             orientations = np.concatenate([upright, orientations], axis=1)
         return positions, orientations
+
+
+def _turn(yaw: float) -> NDArray[np.float64]:
+    """Return the rotation matrix of a turn about z ``(3, 3)``."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _check_boxes(boxes: tuple[Box, ...]) -> None:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from common.storage.cases import read_cases
+from common.tasks import TASKS
 from common.tasks.plating import Plating
-from pipelines.cases import BUNDLED
+from pipelines.cases import BUNDLED, BUNDLED_YAW
 
 FOLDER = Path(__file__).parents[3] / "examples" / "scenes"
+FOLDER_YAW = FOLDER.with_name("scenes_yaw")
 REFRESH = "run `python -m pipelines.cases` and commit the result"
 
 
@@ -46,3 +48,17 @@ def test_soft_and_rigid_items_and_targets_of_other_items_are_there(cases):
     assert len(same) >= 4
     assert len(cases) - len(same) >= 2
     assert {case.state.item.is_rigid for case in same} == {True, False}
+
+
+def test_turned_scenes_are_those_of_their_recipes_and_need_a_turn():
+    cases = read_cases(FOLDER_YAW)
+    card = json.loads((FOLDER_YAW / "card.json").read_text())["cases"]
+    assert [case.name for case in cases] == [recipe.name for recipe in BUNDLED_YAW], f"{REFRESH}, with --yaw"
+    for case in cases:
+        content = (FOLDER_YAW / f"{case.name}.npz").read_bytes()
+        assert hashlib.sha256(content).hexdigest() == card[case.name]["sha256"]
+        assert case.task == "plating_yaw"
+        low, high = TASKS[case.task].bounds(case.state).T
+        assert (case.true_action >= low).all()
+        assert (case.true_action <= high).all()
+        assert abs(case.true_action[2]) > 0.2

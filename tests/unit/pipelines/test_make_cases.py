@@ -7,6 +7,7 @@ from common.domain.deviation import deviation
 from common.domain.errors import ModelError
 from common.domain.grid import Grid
 from common.storage.cases import read_case
+from common.tasks import TASKS
 from pipelines.cases import ATTEMPTS, BUNDLED, CaseRecipe, make_case, make_cases, random_recipes
 from services.heuristic import HeuristicModel
 
@@ -94,3 +95,10 @@ def test_the_bundled_recipes_cover_soft_and_rigid_items_and_every_place():
     assert {recipe.rigid for recipe in same} >= {True, False}
     assert {recipe.place for recipe in BUNDLED} == {"heap_edge", "rim", "bare", "anywhere"}
     assert len({recipe.name for recipe in BUNDLED}) == len({recipe.seed for recipe in BUNDLED}) == len(BUNDLED)
+
+
+def test_a_turned_target_is_the_outcome_of_its_three_parameters():
+    case = make(CaseRecipe("turned", 3, "heap", "irregular", False, "heap_edge", yaw=True))
+    model = TASKS[case.task].adapt_model(HeuristicModel())
+    assert len(case.true_action) == 3
+    assert (model.predict(case.state, np.array([case.true_action])).heights[0] == case.target).all()

@@ -7,10 +7,12 @@ from planning_fakes import TRUE_ACTION, FakeEstimator, FakeModel, small_problem
 from common.domain.errors import ModelError
 from common.planning.places import MOST_PLACES, around, best_apart, find_places
 from common.planning.plan import Setting
+from common.planning.space import Space
 from common.planning.sweep import Sweeps
 from services.heuristic import HeuristicModel
 
 PROBLEM = small_problem()
+SPACE = Space.of(PROBLEM)
 
 
 def setting(*models, estimators=()) -> Setting:
@@ -73,11 +75,11 @@ def test_an_mde_widens_what_it_doubts():
 def test_the_best_that_are_apart_are_the_best_of_their_neighbourhoods():
     actions = np.array([[0.0, 0.0], [0.001, 0.0], [0.05, 0.0], [0.05, 0.05]])
     rewards = np.array([1.0, 2.0, 0.5, 3.0])
-    assert best_apart(actions, rewards, 3, np.array([0.01, 0.01])).tolist() == [3, 1, 2]
+    assert best_apart(actions, rewards, 3, np.array([0.01, 0.01]), SPACE).tolist() == [3, 1, 2]
 
 
 def test_a_grid_around_a_centre_stays_within_the_limits():
-    limits = np.array([[-0.08, 0.08], [-0.08, 0.08]])
-    near = around(np.array([[0.079, 0.0]]), np.array([0.002, 0.002]), side=5, limits=limits)
+    space = Space(np.array([[-0.08, 0.08], [-0.08, 0.08]]), np.zeros(2, dtype=bool))
+    near = around(np.array([[0.079, 0.0]]), np.array([0.002, 0.002]), side=5, space=space)
     assert near[:, 0].max() == 0.08
     assert near[:, 1].min() == pytest.approx(-0.004)

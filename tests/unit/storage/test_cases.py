@@ -37,6 +37,17 @@ def test_a_case_comes_back_as_it_was_written(tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "one.npz"]
 
 
+def test_a_case_of_another_task_says_so_and_one_without_a_task_is_of_plating(tmp_path):
+    turned = a_case(task="plating_yaw", true_action=(0.01, 0.02, 3.0))
+    write_case(tmp_path / "turned.npz", turned)
+    write_case(tmp_path / "plain.npz", a_case())
+    assert read_case(tmp_path / "turned.npz").task == "plating_yaw"
+    assert read_case(tmp_path / "turned.npz").true_action == (0.01, 0.02, 3.0)
+    with np.load(tmp_path / "plain.npz") as file:
+        assert "task" not in json.loads(str(file["about"]))
+    assert read_case(tmp_path / "plain.npz").task == "plating"
+
+
 @pytest.mark.parametrize("known", ["nothing", "boxes only", "no box"])
 def test_what_is_known_of_the_bodies_survives(tmp_path, known):
     scene, item = a_case().state.scene, a_case().state.item

@@ -1,16 +1,20 @@
 """Results on disk and as a figure say what the trials say."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from common.domain.bodies import Material
 from common.domain.case import Case
+from common.domain.grid import Grid
 from common.domain.model import Event
+from common.domain.scene import Scene, State
 from common.domain.trial import Result, Trial
-from common.storage.results import action_error, summarize, write_result
+from common.storage.results import action_error, other_errors, summarize, write_result
+from common.tasks.plating_items import RoundedRectangle, draw_item
 from pipelines.figures import draw_placement, save_figure
 from tests.fakes import make_state
 
@@ -44,6 +48,36 @@ def test_a_target_of_another_item_has_no_action_error():
     other = Case("case", 1, STATE, STATE.scene.heights, (0.01, 0.02), False)
     assert action_error(RESULT, other) is None
     assert summarize(RESULT, case=other, settings={})["action_error_m"] is None
+
+
+def turned(yaw: float, true_yaw: float) -> tuple[Result, Case]:
+    case = Case("case", 1, STATE, STATE.scene.heights, (0.01, 0.02, true_yaw), True, task="plating_yaw")
+    return replace(RESULT, action=(0.013, 0.024, yaw), trials=()), case
+
+
+def test_the_error_of_the_yaw_is_kept_apart_and_goes_the_short_way_round():
+    result, case = turned(3.1, -3.1)
+    assert action_error(result, case) == pytest.approx(0.005)
+    assert other_errors(result, case) == {"yaw_error_rad": pytest.approx(2 * np.pi - 6.2)}
+    assert summarize(result, case=case, settings={})["other_errors"]["yaw_error_rad"] == pytest.approx(2 * np.pi - 6.2)
+    assert other_errors(RESULT, CASE) == {}
+    assert other_errors(result, replace(case, same_item=False)) == {}
+
+
+def test_the_figure_shows_the_item_as_it_is_turned():
+    grid = Grid(60, 60, 0.003)
+    steak = RoundedRectangle(0.12, 0.06, 0.01)
+    item = draw_item(grid, steak, thickness=0.02, material=Material(1050.0, 1e5, 0.4))
+    state = State(Scene(grid, np.zeros(grid.shape), np.zeros((3, *grid.shape))), item)
+    result, case = turned(np.pi / 2, 0.0)
+    result = replace(result, heights=state.scene.heights)
+    case = replace(case, state=state, target=state.scene.heights)
+    figure = draw_placement(case, result)
+    outlines = [max(axes.collections[-1].get_paths(), key=len).vertices for axes in (figure.axes[0], figure.axes[3])]
+    (wide, high), (turned_wide, turned_high) = (np.ptp(outline, axis=0) for outline in outlines)
+    assert (wide, high) == pytest.approx((12, 6), abs=0.3)
+    assert (turned_wide, turned_high) == pytest.approx((6, 12), abs=0.3)
+    assert "turned by +90.0°" in figure.get_suptitle()
 
 
 def test_every_trial_and_the_summary_are_written(tmp_path: Path):

@@ -65,7 +65,7 @@ def optimize(
     A run that was interrupted is resumed by the same call with what ``on_evaluation`` was told: the plan asks the same
     actions again and nobody is asked for what is known. Only sweeps are repeated. An earlier evaluation of another
     action, or by another version of its model, is made anew, which is an event ``not_resumed``. The clock goes on
-    where the last earlier evaluation ended.
+    where the last earlier evaluation ended; a deadline counts from there, so that what is known is never lost to it.
 
     Args:
         problem: What is to be optimised.
@@ -101,7 +101,9 @@ def optimize(
             f"strategy {chosen.name}: expected the model {required}, got {', '.join(models) or 'no model'}"
         )
     earlier = {} if earlier is None else earlier
-    start, stop = clock() - elapsed_s(earlier), Flag()
+    passed_s = elapsed_s(earlier)
+    deadline_s = None if deadline_s is None else deadline_s + passed_s
+    start, stop = clock() - passed_s, Flag()
 
     def now() -> float:
         return clock() - start

@@ -108,6 +108,10 @@ class OptimizeRequest(Request):
         _feed(digest.update, self)
         return self.id, digest.hexdigest()
 
+    def question(self) -> str:
+        """Return what makes another request ask for the same: the SHA-256 in hex of all fields but the id."""
+        return self.model_copy(update={"id": ""}).identity()[1]
+
 
 def _feed(update: Callable[[bytes], None], value: object) -> None:
     """Hash a value without copying its arrays; every part says its kind and length, so that none runs into the next."""

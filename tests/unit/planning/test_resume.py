@@ -56,10 +56,10 @@ def test_the_clock_goes_on_where_the_last_known_evaluation_ended():
     assert result.split_s["simulator"] == pytest.approx(6.0)
 
 
-def test_a_deadline_counts_the_time_before_the_interruption():
-    earlier = known(FakeModel(), first=4)
-    assert len(run(FakeModel(), earlier=earlier, deadline_s=4.5).trials) == 5
-    assert len(run(FakeModel(), deadline_s=4.5).trials) == 5
+def test_a_deadline_counts_from_the_resumption():
+    assert len(run(FakeModel(), deadline_s=0.5).trials) == 1
+    result = run(FakeModel(), earlier=known(FakeModel(), first=4), deadline_s=0.5)
+    assert [trial.started_s for trial in result.trials] == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 def test_a_failure_is_known_too():

@@ -114,10 +114,9 @@ class Journal:
         with self._lock:
             if self._file is None:
                 return
-            with suppress(OSError):
+            with self._file, suppress(OSError):
                 if not (self._is_worth_keeping and isinstance(error, INTERRUPTIONS)):
                     self._path.unlink()
-                self._file.close()
             self._file = None
 
     def begin(self, *, models: tuple[str, ...], estimators: tuple[str, ...]) -> None:
@@ -232,5 +231,5 @@ def _tidy(folder: Path, *, but: Path) -> None:
         with suppress(OSError):
             file = _locked(path)
             if file is not None:
-                path.unlink()
-                file.close()
+                with file:
+                    path.unlink()

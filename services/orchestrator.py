@@ -181,7 +181,7 @@ class Orchestrator:
         if required not in models:
             raise self._refusal(required, problem)
         estimators = self._estimators(problem, quick, journal)
-        journal.begin(models=tuple(models), estimators=tuple(estimators))
+        course = journal.begin(models=tuple(models), estimators=tuple(estimators), in_flight=request.in_flight)
         try:
             return optimize(
                 problem,
@@ -190,7 +190,7 @@ class Orchestrator:
                 strategy=request.strategy,
                 d_max=request.d_max,
                 evaluations=request.evaluations,
-                in_flight=request.in_flight,
+                in_flight=course.in_flight,
                 seed=request.seed,
                 trusted=trusted,
                 deadline_s=deadline_s,

@@ -46,11 +46,13 @@ class Course(Line):
     Attributes:
         models: Names of the models, in the order in which the strategy saw them.
         estimators: Names of the models that had an MDE.
+        in_flight: Number of evaluations at the same time.
     """
 
     format: Literal[1] = 1
     models: tuple[str, ...]
     estimators: tuple[str, ...]
+    in_flight: int
 
 
 class EvaluationLine(Line):
@@ -119,10 +121,13 @@ class Journal:
                     self._path.unlink()
             self._file = None
 
-    def begin(self, *, models: tuple[str, ...], estimators: tuple[str, ...]) -> None:
-        """Write down what the course depends on; a run that is resumed keeps its own."""
-        if self.course is None:
-            self._write(Course(models=models, estimators=estimators))
+    def begin(self, *, models: tuple[str, ...], estimators: tuple[str, ...], in_flight: int) -> Course:
+        """Write down what the course depends on and return it; a run that is resumed keeps its own."""
+        if self.course is not None:
+            return self.course
+        course = Course(models=models, estimators=estimators, in_flight=in_flight)
+        self._write(course)
+        return course
 
     def append(self, evaluation: Evaluation) -> None:
         """Write down an evaluation."""

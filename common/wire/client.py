@@ -54,8 +54,8 @@ def optimize(
     Args:
         session: A client session.
         request: What to optimise.
-        on_progress: Called with every step, in order, on a thread of the session; it must not block. What a second
-            orchestrator repeats is left out, so that the index of steps may jump there.
+        on_progress: Called with every step, in order, on a thread of the session; it must not block. What a second run
+            of the request repeats is left out, so that the index of steps may jump there.
         timeout_s: When to give up, None: never [s].
         cancelled: Whether the answer is still wanted.
 
@@ -155,11 +155,11 @@ def _following(session: zenoh.Session, order: "_Order", *, task: str, request_id
 
 
 class _Steps:
-    """Passes on the steps of one optimisation; of those that a second orchestrator repeats only what is new.
+    """Passes on the steps of one optimisation; of what a second run of the request repeats only what is new.
 
     Attributes:
         any: Set by the first step.
-        last: Set by the last step.
+        last: Set by the last step of a run.
     """
 
     def __init__(self, on_progress: Callable[[Progress], None] | None) -> None:
@@ -171,6 +171,8 @@ class _Steps:
     def __call__(self, progress: Progress) -> None:
         is_first = not self.any.is_set()
         self.any.set()
+        if progress.kind == "accepted":
+            self.last.clear()
         if progress.trial is not None:
             is_new, self._trials = progress.trial.index >= self._trials, max(self._trials, progress.trial.index + 1)
         else:
@@ -184,7 +186,7 @@ class _Steps:
 class _Order:
     """Puts the steps of each optimisation into the order of their index, and drops the ones seen already.
 
-    An orchestrator that was restarted counts from 0 again: steps of one process, told by its session, belong together.
+    Each run of a request counts from 0.
     """
 
     def __init__(self, on_progress: Callable[[Progress], None]) -> None:
@@ -198,7 +200,7 @@ class _Order:
             progress = decode(sample.payload.to_bytes(), str(sample.encoding), Progress)
         except RequestError:
             return
-        key = f"{sample.key_expr} {'' if sample.timestamp is None else sample.timestamp.get_id()}"
+        key = f"{sample.key_expr} {progress.run}"
         with self._lock:
             due = self._next.get(key, 0)
             if progress.index >= due:

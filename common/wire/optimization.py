@@ -172,7 +172,7 @@ class OptimizeReply(Reply):
 
 
 class Progress(Reply):
-    """One step of a running optimisation. The host fills in ``id`` and ``index``, which counts from 0 without gaps.
+    """One step of a running optimisation. The host fills in ``id``, ``run`` and ``index``, from 0 without gaps.
 
     ``accepted`` comes first and carries ``evaluations``; ``trial`` and ``event`` carry theirs; the last is ``finished``
     with action and reward, or ``failed`` with the error.
@@ -180,6 +180,7 @@ class Progress(Reply):
 
     kind: Literal["accepted", "trial", "event", "finished", "failed"]
     id: str = ""
+    run: str = Field(default="", description="Another one if the request, sent again, is begun or resumed once more.")
     index: Count = 0
     time: Seconds = Field(default=0.0, description="Since the optimisation began [s].")
     strategy: str | None = None

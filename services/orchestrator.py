@@ -6,8 +6,10 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -18,15 +20,17 @@ from common.domain.errors import FrugalError, RequestError, UnavailableError
 from common.domain.model import Event
 from common.domain.task import Task
 from common.domain.trial import Result, Trial
+from common.planning.evaluation import elapsed_s
 from common.planning.optimize import optimize
 from common.planning.problem import Problem
 from common.planning.selection import parse_strategy
+from common.storage.journal import Journal, open_journal
 from common.wire.call import Call
 from common.wire.directory import Directory
 from common.wire.dispatch import Limits
 from common.wire.endpoint import Alias, Endpoint
 from common.wire.host import Host
-from common.wire.keys import alias
+from common.wire.keys import Role, alias
 from common.wire.messages import Card
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.remote import RemoteEstimator, RemoteModel
@@ -52,15 +56,18 @@ class OrchestratorSettings(BaseSettings):
         predict_timeout_s: Longest time for one prediction [s].
         estimate_timeout_s: Longest time for one estimate [s].
         patience_s: How long to wait for a missing model before saying so [s].
+        journal: Folder where optimisations are kept until they are answered, so that the same request resumes one that
+            was interrupted; None or empty: nothing is kept.
     """
 
-    model_config = SettingsConfigDict(env_prefix="FRUGAL_ORCHESTRATOR_", frozen=True)
+    model_config = SettingsConfigDict(env_prefix="FRUGAL_ORCHESTRATOR_", frozen=True, env_ignore_empty=True)
 
     requests: int = Field(default=4, ge=1, le=64)
     queue_length: int = Field(default=16, ge=1, le=1024)
     predict_timeout_s: float = Field(default=30.0, gt=0)
     estimate_timeout_s: float = Field(default=5.0, gt=0)
     patience_s: float = Field(default=1.0, ge=0, le=60)
+    journal: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,11 @@ class Orchestrator:
             CancelledError: The caller took the request back.
             TimedOutError: The budget ended before the first answer.
         """
-        began, request = time.monotonic(), assignment.request
+        with open_journal(self._settings.journal, assignment.request.question()) as journal:
+            return self._answer(assignment, call, journal)
+
+    def _answer(self, assignment: Assignment, call: Call, journal: Journal) -> OptimizeReply:
+        began, request = time.monotonic() - elapsed_s(journal.evaluations), assignment.request
         news: queue.SimpleQueue[Event] = queue.SimpleQueue()
         seen: list[Event] = []
 
@@ -133,11 +144,11 @@ class Orchestrator:
 
         budget = parse_strategy(request.strategy).budget(request.evaluations)
         publish(kind="accepted", strategy=request.strategy, evaluations=budget)
-        for event in self._left_out(assignment.problem):
+        for event in (*self._resumed(journal), *self._left_out(assignment.problem)):
             news.put(event)
         self._listeners.add(news)
         try:
-            result = self._run(assignment, call, on_trial=on_trial, interrupted=interrupted)
+            result = self._run(assignment, call, journal, on_trial=on_trial, interrupted=interrupted)
         finally:
             self._listeners.discard(news)
         result = replace(result, events=tuple(sorted((*result.events, *seen), key=lambda event: event.time)))
@@ -148,6 +159,7 @@ class Orchestrator:
         self,
         assignment: Assignment,
         call: Call,
+        journal: Journal,
         *,
         on_trial: Callable[[Trial], None],
         interrupted: Callable[[], bool],
@@ -165,23 +177,27 @@ class Orchestrator:
             cancelled=lambda: call.cancelled() or finished.is_set(),
         )
         quick = replace(limits, timeout_s=self._settings.estimate_timeout_s)
-        models = self._models(problem, limits)
+        models = self._models(problem, limits, journal)
         if required not in models:
             raise self._refusal(required, problem)
+        estimators = self._estimators(problem, quick, journal)
+        course = journal.begin(models=tuple(models), estimators=tuple(estimators), in_flight=request.in_flight)
         try:
             return optimize(
                 problem,
                 models,
-                self._estimators(problem, quick),
+                estimators,
                 strategy=request.strategy,
                 d_max=request.d_max,
                 evaluations=request.evaluations,
-                in_flight=request.in_flight,
+                in_flight=course.in_flight,
                 seed=request.seed,
                 trusted=trusted,
                 deadline_s=deadline_s,
                 on_trial=on_trial,
                 cancelled=interrupted,
+                earlier=journal.evaluations,
+                on_evaluation=journal.append,
             )
         finally:
             finished.set()
@@ -194,16 +210,32 @@ class Orchestrator:
             return RequestError(f"grid: expected one that {model} takes ({grids}), got {problem.state.grid}")
         return UnavailableError(f"expected a live worker for model {model} of {self._task.name}, got none")
 
-    def _models(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteModel]:
-        """Return the models that take the problem's grid, from cheapest to dearest by measured cost."""
-        names = self._fitting("model", problem)
-        costs = {name: self._directory.cost_s("model", name) for name in names}
-        ordered = sorted(names, key=lambda name: (math.inf if (cost := costs[name]) is None else cost, name))
+    def _models(self, problem: Problem, limits: Limits, journal: Journal) -> Mapping[str, RemoteModel]:
+        """Return the models that take the problem's grid, from cheapest to dearest by measured cost.
+
+        A run that is resumed gets those that it had, in the same order.
+        """
+        known = None if journal.course is None else journal.course.models
+        names = self._fitting("model", problem, known=known)
+        if known is None:
+            costs = {name: self._directory.cost_s("model", name) for name in names}
+            ordered = sorted(names, key=lambda name: (math.inf if (cost := costs[name]) is None else cost, name))
+        else:
+            ordered = [name for name in known if name in names]
         return _reachable(ordered, partial(RemoteModel, self._directory, limits=limits))
 
-    def _estimators(self, problem: Problem, limits: Limits) -> Mapping[str, RemoteEstimator]:
-        names = sorted(self._fitting("mde", problem))
+    def _estimators(self, problem: Problem, limits: Limits, journal: Journal) -> Mapping[str, RemoteEstimator]:
+        known = None if journal.course is None else journal.course.estimators
+        names = sorted(self._fitting("mde", problem, known=known))
         return _reachable(names, partial(RemoteEstimator, self._directory, limits=limits))
+
+    def _resumed(self, journal: Journal) -> list[Event]:
+        """Return an event if an interrupted run has left something."""
+        if journal.course is None:
+            return []
+        count, seconds = len(journal.evaluations), elapsed_s(journal.evaluations)
+        detail = f"{count} evaluations of the {seconds:.3g} s before an interruption are known"
+        return [Event("resumed", f"orchestrator/{self._instance}", detail)]
 
     def _left_out(self, problem: Problem) -> list[Event]:
         """Return an event for every live model or MDE that does not take the problem's grid."""
@@ -216,8 +248,12 @@ class Orchestrator:
             and worker.card.grid.grid() != problem.state.grid
         ]
 
-    def _fitting(self, role: str, problem: Problem) -> set[str]:
-        return {
+    def _fitting(self, role: Role, problem: Problem, *, known: Sequence[str] | None) -> set[str]:
+        """Return the models that take the problem's grid, or that have an MDE that does; of known ones those alone."""
+        for name in known or ():
+            with suppress(UnavailableError):  # they were there; a new process does not see everybody at once
+                self._directory.wait_for(role, name, timeout_s=self._settings.patience_s)
+        fitting = {
             worker.address.model
             for worker in self._directory.workers()
             if worker.address.role == role
@@ -225,6 +261,7 @@ class Orchestrator:
             and worker.card is not None
             and (worker.card.grid is None or worker.card.grid.grid() == problem.state.grid)
         }
+        return fitting if known is None else fitting & set(known)
 
     def _spread(self, event: Event) -> None:
         for listener in tuple(self._listeners):

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ class Evaluation:
     failure: FrugalError | None = None
 
 
+def elapsed_s(evaluations: Mapping[int, Evaluation]) -> float:
+    """Return how far a run had come when the last of its evaluations ended [s]; 0 if there is none."""
+    return max((known.trial.started_s + known.trial.predict_s for known in evaluations.values()), default=0.0)
+
+
 @dataclass(frozen=True)
 class Evaluator:
     """Evaluates actions of one optimisation; safe to call from several threads at once.
@@ -49,6 +54,8 @@ class Evaluator:
         seed: Seed of the optimisation.
         now: Seconds since the optimisation began.
         stopped: Whether nobody waits for answers any more.
+        earlier: Evaluations of an interrupted run by index: nobody is asked again for these.
+        on_evaluation: Called with every other one as soon as it is known, from the thread that made it.
     """
 
     problem: Problem
@@ -60,6 +67,8 @@ class Evaluator:
     seed: int
     now: Callable[[], float]
     stopped: Callable[[], bool]
+    earlier: Mapping[int, Evaluation] = field(default_factory=dict[int, Evaluation])
+    on_evaluation: Callable[[Evaluation], None] | None = None
 
     def round(self, actions: NDArray[np.float64]) -> Round:
         """Return a round of actions ``(B, n)`` that are evaluated together."""
@@ -76,7 +85,28 @@ class Evaluator:
             CancelledError: The optimisation has ended meanwhile, or a model was told so.
             UnavailableError: Nobody serves the last model of the strategy.
         """
-        return _Attempt(self, index, action, together, position).run()
+        known, misfit = self.earlier.get(index), ""
+        if known is not None:
+            misfit = self._misfit(known.trial, action)
+            if not misfit:
+                return known
+        made = _Attempt(self, index, action, together, position).run()
+        if known is not None:
+            event = Event("not_resumed", f"{known.trial.model}/{known.trial.instance}", misfit, made.trial.started_s)
+            made = replace(made, events=(event, *made.events))
+        if self.on_evaluation is not None:
+            self.on_evaluation(made)
+        return made
+
+    def _misfit(self, trial: Trial, action: NDArray[np.float64]) -> str:
+        """Return why an earlier trial does not tell what comes of an action ``(n,)``; empty if it does."""
+        asked = tuple(action.tolist())
+        if trial.action != asked:
+            return f"evaluation {trial.index}: expected the action {trial.action} of the interrupted run, got {asked}"
+        model = self.models.get(trial.model)
+        if model is not None and trial.version and trial.version != model.version:
+            return f"evaluation {trial.index}: expected version {trial.version} of {trial.model}, got {model.version}"
+        return ""
 
 
 class _Attempt:

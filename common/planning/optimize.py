@@ -16,7 +16,7 @@ from common.domain.deviation import DeviationEstimator
 from common.domain.errors import CancelledError, FrugalError, RequestError, TimedOutError, UnavailableError
 from common.domain.model import Event, PredictiveModel
 from common.domain.trial import Result, Trial
-from common.planning.evaluation import Evaluation, Evaluator
+from common.planning.evaluation import Evaluation, Evaluator, elapsed_s
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.problem import Problem
 from common.planning.selection import DEFAULT, parse_strategy
@@ -48,6 +48,8 @@ def optimize(
     clock: Callable[[], float] = time.perf_counter,
     on_trial: Callable[[Trial], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    earlier: Mapping[int, Evaluation] | None = None,
+    on_evaluation: Callable[[Evaluation], None] | None = None,
 ) -> Result:
     """Find the action with the best predicted reward.
 
@@ -60,6 +62,11 @@ def optimize(
 
     An outcome with a warning, for instance ``not_settled``, counts like any other: its reward is the best that is
     known of the action, and the warning stays with the trial.
+
+    A run that was interrupted is resumed by the same call with what ``on_evaluation`` was told: the plan asks the same
+    actions again and nobody is asked for what is known. Only sweeps are repeated. An earlier evaluation of another
+    action, or by another version of its model, is made anew, which is an event ``not_resumed``. The clock goes on
+    where the last earlier evaluation ended; a deadline counts from there, so that what is known is never lost to it.
 
     Args:
         problem: What is to be optimised.
@@ -77,6 +84,8 @@ def optimize(
         clock: Seconds since any fixed moment, for time stamps.
         on_trial: Called with every trial, in the order of asking.
         cancelled: Whether the caller has lost interest; asked about every 20 ms.
+        earlier: Evaluations of an interrupted run of the same optimisation, by index.
+        on_evaluation: Called with every new evaluation as soon as it is known, from several threads and in any order.
 
     Raises:
         RequestError: An option is out of range or unknown, or a model refused the request.
@@ -93,7 +102,10 @@ def optimize(
         raise UnavailableError(
             f"strategy {chosen.name}: expected the model {required}, got {', '.join(models) or 'no model'}"
         )
-    start, stop = clock(), Flag()
+    earlier = {} if earlier is None else earlier
+    passed_s = elapsed_s(earlier)
+    deadline_s = None if deadline_s is None else deadline_s + passed_s
+    start, stop = clock() - passed_s, Flag()
 
     def now() -> float:
         return clock() - start
@@ -108,6 +120,8 @@ def optimize(
         seed=seed,
         now=now,
         stopped=stop.is_set,
+        earlier=earlier,
+        on_evaluation=on_evaluation,
     )
     pool = ThreadPoolExecutor(in_flight + 1, thread_name_prefix="evaluation")  # one for sweeps
 
@@ -279,8 +293,8 @@ class _Record:
         )
 
     def _is_new(self, event: Event) -> bool:
-        """Return whether an event has to be kept; of unfamiliar inputs only the first of each MDE, trials name all."""
-        return event.kind != "unfamiliar" or all(
+        """Return whether an event has to be kept; of those that tend to repeat only the first of each worker."""
+        return event.kind not in ("unfamiliar", "not_resumed") or all(
             (event.kind, event.worker) != (known.kind, known.worker) for known in self._events
         )
 

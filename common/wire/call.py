@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from common.wire.messages import new_id
 from common.wire.optimization import Progress
 
 
@@ -25,6 +26,7 @@ class Call:
     ) -> None:
         self.id = request_id
         self._deadline = time.monotonic() + budget_s
+        self._run = new_id()
         self._taken_back = threading.Event()
         self._waiting = waiting
         self._publish = publish
@@ -50,7 +52,7 @@ class Call:
     def publish(self, progress: Progress) -> None:
         """Publish a step on ``progress/<id>``, numbered in the order of calls; late subscribers get all of them."""
         with self._lock:
-            self._publish(progress.model_copy(update={"id": self.id, "index": self._published}))
+            self._publish(progress.model_copy(update={"id": self.id, "run": self._run, "index": self._published}))
             self._published += 1
 
     @property

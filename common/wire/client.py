@@ -23,7 +23,8 @@ LOOK_S = 1.0
 LAST_STEP_S = 5.0
 RETRIES = 5
 HEARD_S = 0.5
-RETURN_S = 10.0
+RETURN_S = 30.0
+"""How long to wait for an orchestrator that was there and is gone: its process is restarted, or the connection."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,16 @@ def optimize(
 ) -> OptimizeReply:
     """Ask any orchestrator of the request's task for the best action.
 
-    If the connection breaks, the same request is sent again: the orchestrator that works on it, or has the answer by
-    now, answers without paying for an evaluation twice. If the caller goes, by ``cancelled``, the timeout or an
-    interrupt, the orchestrator is told to stop.
+    If the connection breaks or the orchestrator's process is killed, the same request is sent again, if need be after
+    waiting `RETURN_S` for an orchestrator: one that works on it, has the answer by now or keeps a journal answers
+    without paying for an evaluation twice. If the caller goes, by ``cancelled``, the timeout or an interrupt, the
+    orchestrator is told to stop.
 
     Args:
         session: A client session.
         request: What to optimise.
-        on_progress: Called with every step, in order, on a thread of the session; it must not block.
+        on_progress: Called with every step, in order, on a thread of the session; it must not block. What a second run
+            of the request repeats is left out, so that the index of steps may jump there.
         timeout_s: When to give up, None: never [s].
         cancelled: Whether the answer is still wanted.
 
@@ -63,16 +66,8 @@ def optimize(
     """
     key = alias(request.task, "optimize")
     deadline = time.monotonic() + (timeout_s or LONGEST_S)
-
-    last_step = threading.Event()
-
-    def step(progress: Progress) -> None:
-        if on_progress is not None:
-            on_progress(progress)
-        if progress.kind in ("finished", "failed"):
-            last_step.set()
-
-    order = _Order(step)
+    steps = _Steps(on_progress)
+    order = _Order(steps)
 
     def ask_once() -> OptimizeReply:
         left = deadline - time.monotonic()
@@ -80,19 +75,22 @@ def optimize(
             return ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
         with _following(session, order, task=request.task, request_id=request.id):
             reply = ask(session, key, request, OptimizeReply, timeout_s=left, cancelled=cancelled)
-            last_step.wait(LAST_STEP_S)
+            steps.last.wait(LAST_STEP_S)
             return reply
 
+    attempts, was_heard = 0, False
     try:
-        for _ in range(RETRIES):
-            began = time.monotonic()
+        while True:
+            began, attempts = time.monotonic(), attempts + 1
             try:
                 return ask_once()
             except NoReplyError:
-                was_heard = time.monotonic() - began > HEARD_S
-                if not _returns(session, request.task, patience_s=RETURN_S if was_heard else 0.0, cancelled=cancelled):
+                was_heard = was_heard or steps.any.is_set() or time.monotonic() - began > HEARD_S
+                patience_s = min(RETURN_S, deadline - time.monotonic()) if was_heard else 0.0
+                if attempts > RETRIES or not _returns(
+                    session, request.task, patience_s=patience_s, cancelled=cancelled
+                ):
                     raise
-        return ask_once()
     except NoReplyError:
         raise UnavailableError(
             f"expected an orchestrator behind {key}, got no reply: none is alive, it stopped, or access was denied"
@@ -103,17 +101,21 @@ def optimize(
 
 
 def _returns(session: zenoh.Session, task: str, *, patience_s: float, cancelled: Callable[[], bool]) -> bool:
-    """Return whether an orchestrator is alive, now or within ``patience_s`` [s]."""
+    """Return whether an orchestrator is alive, now or within ``patience_s`` [s].
+
+    Raises:
+        CancelledError: ``cancelled`` said so.
+    """
     deadline = time.monotonic() + patience_s
     while not cancelled():
+        time.sleep(0.1)  # the token of a process that has just been killed may still be there
         if is_connected(session):
             replies = session.liveliness().get(every_orchestrator(task, "live"), timeout=LOOK_S)
             if any(reply.ok is not None for reply in replies):
                 return True
         if time.monotonic() >= deadline:
             return False
-        time.sleep(0.1)
-    return False
+    raise CancelledError("the request was taken back while its orchestrator was gone")
 
 
 def cancel_optimization(session: zenoh.Session, *, task: str, request_id: str) -> None:
@@ -152,8 +154,40 @@ def _following(session: zenoh.Session, order: "_Order", *, task: str, request_id
         subscriber.undeclare()
 
 
+class _Steps:
+    """Passes on the steps of one optimisation; of what a second run of the request repeats only what is new.
+
+    Attributes:
+        any: Set by the first step.
+        last: Set by the last step of a run.
+    """
+
+    def __init__(self, on_progress: Callable[[Progress], None] | None) -> None:
+        self.any = threading.Event()
+        self.last = threading.Event()
+        self._on_progress = on_progress
+        self._trials = 0
+
+    def __call__(self, progress: Progress) -> None:
+        is_first = not self.any.is_set()
+        self.any.set()
+        if progress.kind == "accepted":
+            self.last.clear()
+        if progress.trial is not None:
+            is_new, self._trials = progress.trial.index >= self._trials, max(self._trials, progress.trial.index + 1)
+        else:
+            is_new = is_first or progress.kind != "accepted"
+        if self._on_progress is not None and is_new:
+            self._on_progress(progress)
+        if progress.kind in ("finished", "failed"):
+            self.last.set()
+
+
 class _Order:
-    """Puts the steps of each optimisation into the order of their index, and drops the ones seen already."""
+    """Puts the steps of each optimisation into the order of their index, and drops the ones seen already.
+
+    Each run of a request counts from 0.
+    """
 
     def __init__(self, on_progress: Callable[[Progress], None]) -> None:
         self._on_progress = on_progress
@@ -166,7 +200,7 @@ class _Order:
             progress = decode(sample.payload.to_bytes(), str(sample.encoding), Progress)
         except RequestError:
             return
-        key = str(sample.key_expr)
+        key = f"{sample.key_expr} {progress.run}"
         with self._lock:
             due = self._next.get(key, 0)
             if progress.index >= due:

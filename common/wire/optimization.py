@@ -108,6 +108,10 @@ class OptimizeRequest(Request):
         _feed(digest.update, self)
         return self.id, digest.hexdigest()
 
+    def question(self) -> str:
+        """Return what makes another request ask for the same: the SHA-256 in hex of all fields but the id."""
+        return self.model_copy(update={"id": ""}).identity()[1]
+
 
 def _feed(update: Callable[[bytes], None], value: object) -> None:
     """Hash a value without copying its arrays; every part says its kind and length, so that none runs into the next."""
@@ -168,7 +172,7 @@ class OptimizeReply(Reply):
 
 
 class Progress(Reply):
-    """One step of a running optimisation. The host fills in ``id`` and ``index``, which counts from 0 without gaps.
+    """One step of a running optimisation. The host fills in ``id``, ``run`` and ``index``, from 0 without gaps.
 
     ``accepted`` comes first and carries ``evaluations``; ``trial`` and ``event`` carry theirs; the last is ``finished``
     with action and reward, or ``failed`` with the error.
@@ -176,6 +180,7 @@ class Progress(Reply):
 
     kind: Literal["accepted", "trial", "event", "finished", "failed"]
     id: str = ""
+    run: str = Field(default="", description="Another one if the request, sent again, is begun or resumed once more.")
     index: Count = 0
     time: Seconds = Field(default=0.0, description="Since the optimisation began [s].")
     strategy: str | None = None

@@ -22,6 +22,7 @@ from services.cli.warm import compile_kernels
 READY_S = 180.0
 ESTIMATED = ("heuristic", "learned")
 """Models whose MDEs are released."""
+JOURNAL = "FRUGAL_ORCHESTRATOR_JOURNAL"
 
 
 @click.command()
@@ -35,14 +36,17 @@ def up(*, task: str, simulators: int, logs: Path | None) -> None:
 
     The learned model and the MDEs are started where their released weights are.
 
-    The router listens at FRUGAL_LISTEN (default tcp/127.0.0.1:7447). A process that ends is restarted.
+    The router listens at FRUGAL_LISTEN (default tcp/127.0.0.1:7447). A process that ends is restarted. An optimisation
+    that was interrupted goes on when the same request comes again; until then it is kept in the folder
+    FRUGAL_ORCHESTRATOR_JOURNAL (default: frugal/journal in the user's folder for state; empty: nowhere).
     """
     stop = stop_on_signals()
     settings = WireSettings()
     own = settings.model_copy(update={"connect": settings.listen})
     check_free(own)
     compile_kernels()
-    with Crew(environment=os.environ | {"FRUGAL_CONNECT": ",".join(settings.listen)}, log_folder=logs) as crew:
+    environment = {JOURNAL: str(journal_folder()), **os.environ, "FRUGAL_CONNECT": ",".join(settings.listen)}
+    with Crew(environment=environment, log_folder=logs) as crew:
         expected = start_system(crew, simulators=simulators, task=task)
         wait_until_ready(crew, own, expected, stopped=stop.is_set)
         say("ready; stop with Ctrl-C")
@@ -50,6 +54,12 @@ def up(*, task: str, simulators: int, logs: Path | None) -> None:
             for news in crew.mend():
                 say(news)
         say("stopping")
+
+
+def journal_folder() -> Path:
+    """Return where this user's optimisations are kept until they are answered, by the XDG base directories."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "frugal" / "journal"
 
 
 def check_free(settings: WireSettings) -> None:

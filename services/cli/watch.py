@@ -42,7 +42,7 @@ class Runs:
         """Take one step in."""
         run = self._runs.setdefault(step.id, Run())
         if step.kind == "accepted":
-            run.strategy, run.evaluations = step.strategy or "?", step.evaluations or 0
+            run.strategy, run.evaluations, run.done = step.strategy or "?", step.evaluations or 0, 0
         elif step.trial is not None:
             run.done += 1
             run.last = f"{step.trial.model}/{step.trial.instance}"

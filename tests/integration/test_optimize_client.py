@@ -1,6 +1,7 @@
 """A client's side of an optimisation: answer, progress, replay, cancellation, silence."""
 
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -79,6 +80,20 @@ def test_a_subscriber_in_the_middle_gets_the_beginning_too(session: Session):
             future.result(timeout=60)
             assert second.over.wait(60)
     assert [step.index for step in second.seen] == list(range(102))
+
+
+@pytest.mark.usefixtures("orchestrator")
+def test_a_second_run_of_a_request_is_followed_from_its_beginning(session: Session):
+    steps, request = Steps(), make_request()
+    with follow_progress(session, steps, request_id=request.id):
+        for expected in (7, 14):
+            optimize(session, request, timeout_s=60)
+            deadline = time.monotonic() + 20
+            while len(steps.seen) < expected:
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+    assert [step.index for step in steps.seen] == [*range(7), *range(7)]
+    assert len({step.run for step in steps.seen}) == 2
 
 
 def test_a_cancelled_optimisation_ends_early_at_the_orchestrator(session: Session, orchestrator: Directory):

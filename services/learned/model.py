@@ -15,7 +15,7 @@ from common.domain.grid import Floats
 from common.domain.heightmap import shift
 from common.domain.model import PredictiveModel
 from common.domain.scene import State
-from common.learning.features import HEIGHT_SCALE
+from common.learning.features import HEIGHT_SCALE, transform
 from common.learning.training import threads
 from common.learning.weights import WeightsCard, load, read_card
 from services.learned.network import NetworkSettings, ResidualNetwork
@@ -25,6 +25,9 @@ ARCHITECTURE = "residual-window-2"
 QUIET = 3e-4
 """Corrections below this count as none: the answer is then the heuristic sum to the bit [m]."""
 
+MIRROR = 4
+"""The symmetry whose answer is averaged in; it is its own inverse."""
+
 STATES = 16
 """States whose channels are kept."""
 
@@ -32,8 +35,9 @@ STATES = 16
 class LearnedModel(PredictiveModel):
     """Add to ``I_0 + shift(I_obj, a)`` what a residual encoder-decoder says in a window around the action.
 
-    Outside the window, and where nothing can move, the answer is the heuristic sum itself. An action is computed as if
-    alone, on one thread, so that its answer does not depend on the batch. Threads may ask at once.
+    The network is asked about the window and about its mirror image, and the mean counts. Outside the window, and where
+    nothing can move, the answer is the heuristic sum itself. An action is computed as if alone, on one thread, so that
+    its answer does not depend on the batch. Threads may ask at once.
 
     Args:
         network: The trained network; its grid is the only one that the model takes.
@@ -83,7 +87,9 @@ class LearnedModel(PredictiveModel):
         heights = state.scene.heights + shift(state.item.heights, *(action / self.grid.cell))
         size = self._network.settings.window
         inputs, firsts = views.inputs(action[None], self.grid, size)
-        residual = self._network(inputs.contiguous(memory_format=torch.channels_last))[0].numpy()
+        mirrored = torch.cat([inputs, transform(inputs, MIRROR)]).contiguous(memory_format=torch.channels_last)
+        one, other = self._network(mirrored)
+        residual = ((one + transform(other, MIRROR)) / 2).numpy()
         first = firsts[0, ::-1]  # row, column
         start, stop = np.maximum(first, 0), np.minimum(first + size, self.grid.shape)
         if (start < stop).all():

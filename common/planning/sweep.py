@@ -28,7 +28,7 @@ class Sweeps:
         models: Models by name.
         estimators: MDEs by the name of their model.
         now: Seconds since the optimisation began.
-        wait_for: Runs a function elsewhere and returns what it returns; raises when nobody waits any more.
+        wait_for: Runs a function and returns what it returns; raises when nobody waits any more.
 
     Attributes:
         usage: Actions asked, by model.

@@ -35,6 +35,7 @@ class Estimates:
         instance: The worker that answered, ``local`` in this process.
         compute_s: Time that the estimator took [s]; None if nobody measured it.
         events: What went wrong on the way.
+        scale_m: The deviation that counts as 1 [m]; None if the estimator does not say.
     """
 
     mean: NDArray[np.float64]
@@ -44,6 +45,7 @@ class Estimates:
     instance: str = "local"
     compute_s: float | None = None
     events: tuple[Event, ...] = ()
+    scale_m: float | None = None
 
 
 class DeviationEstimator(ABC):

@@ -149,7 +149,7 @@ def optimize(
                 record.settle(left, is_told=False)  # the plan may still be computing
             else:
                 record.abandon(left)
-        return record.result(strategy=chosen.name, seed=seed, late=late)
+        return record.result(strategy=chosen.name, seed=seed, in_flight=in_flight, late=late)
     finally:
         stop.set()
         pool.stop()
@@ -255,7 +255,7 @@ class _Record:
             )
         )
 
-    def result(self, *, strategy: str, seed: int, late: bool) -> Result:
+    def result(self, *, strategy: str, seed: int, in_flight: int, late: bool) -> Result:
         """Return the answer; ``late``, at the deadline, a cheap model's if no evaluation has one.
 
         Raises:
@@ -284,6 +284,7 @@ class _Record:
             events=tuple(sorted((*self._events, *swept.events), key=lambda event: event.time)),
             strategy=strategy,
             seed=seed,
+            in_flight=in_flight,
         )
 
     def _is_new(self, event: Event) -> bool:

@@ -31,7 +31,9 @@ from services.cli.asking import find_case, say
     help="quality, balanced, fast, transport:calls=N, residual:calls=N, threshold (the paper's), only:<model>, random.",
 )
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
-@click.option("--in-flight", type=click.IntRange(1, 64), default=1, show_default=True, help="Evaluations at a time.")
+@click.option(
+    "--in-flight", type=click.IntRange(1, 64), help="Evaluations at a time [default: as many as there are simulators]."
+)
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
 @click.option("--d-max", type=click.FloatRange(0, 1, min_open=True), default=0.4, show_default=True)
 @click.option("--deadline", type=click.FloatRange(0, min_open=True), help="Answer with the best known by then [s].")

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.certificate import Certificate
 from common.domain.deviation import DeviationEstimator
 from common.domain.errors import CancelledError, FrugalError, RequestError, TimedOutError, UnavailableError
 from common.domain.model import Event, PredictiveModel
@@ -127,7 +128,7 @@ def optimize(
         budget = chosen.budget(evaluations)
         plan = chosen.plan(Setting(problem, tuple(models), trusted, budget, seed, sweeps))
         record = _Record(plan, sweeps, now=now, on_trial=on_trial)
-        late = False
+        late, certificate = False, None
         running: deque[_Running] = deque()
         asked: list[tuple[int, NDArray[np.float64]]] = []
         try:
@@ -141,6 +142,7 @@ def optimize(
                     record.settle(running.popleft())
                 if count < budget and (action := wait_for(record.ask)) is not None:
                     asked.append(action)
+            certificate = wait_for(record.certificate)
         except _DeadlineError:
             late = True
         running += [_Running(index, action, now(), Future()) for index, action in asked]
@@ -149,7 +151,7 @@ def optimize(
                 record.settle(left, is_told=False)  # the plan may still be computing
             else:
                 record.abandon(left)
-        return record.result(strategy=chosen.name, seed=seed, in_flight=in_flight, late=late)
+        return record.result(strategy=chosen.name, seed=seed, in_flight=in_flight, late=late, certificate=certificate)
     finally:
         stop.set()
         pool.stop()
@@ -169,9 +171,7 @@ class _Running:
     future: Future[Evaluation]
 
 
-def _started(
-    asked: Sequence[tuple[int, NDArray[np.float64]]], evaluator: Evaluator, pool: Threads
-) -> list[_Running]:
+def _started(asked: Sequence[tuple[int, NDArray[np.float64]]], evaluator: Evaluator, pool: Threads) -> list[_Running]:
     """Start the evaluations of a round."""
     if not asked:
         return []
@@ -201,14 +201,22 @@ class _Record:
 
     def ask(self) -> tuple[int, NDArray[np.float64]] | None:
         """Return the next index and action; None if the plan wants no more for now."""
-        began, swept_s = self._now(), sum(self._sweeps.split_s.values())
-        action = self._plan.ask()
-        # A plan waits for its sweeps; the rest of its time is its own.
-        self._split["optimiser"] += max(self._now() - began - (sum(self._sweeps.split_s.values()) - swept_s), 0.0)
+        action = self._own_time(self._plan.ask)
         if action is None:
             return None
         self._asked += 1
         return self._asked - 1, action
+
+    def certificate(self) -> Certificate | None:
+        """Return the plan's certificate."""
+        return self._own_time(self._plan.certificate)
+
+    def _own_time(self, question: Callable[[], T]) -> T:
+        """Ask the plan; it waits for its sweeps, the rest of the time is its own."""
+        began, swept_s = self._now(), sum(self._sweeps.split_s.values())
+        answer = question()
+        self._split["optimiser"] += max(self._now() - began - (sum(self._sweeps.split_s.values()) - swept_s), 0.0)
+        return answer
 
     def settle(self, running: _Running, *, is_told: bool = True) -> None:
         """Keep the evidence, and tell it to the plan if ``is_told``.
@@ -255,7 +263,9 @@ class _Record:
             )
         )
 
-    def result(self, *, strategy: str, seed: int, in_flight: int, late: bool) -> Result:
+    def result(
+        self, *, strategy: str, seed: int, in_flight: int, late: bool, certificate: Certificate | None
+    ) -> Result:
         """Return the answer; ``late``, at the deadline, a cheap model's if no evaluation has one.
 
         Raises:
@@ -285,6 +295,7 @@ class _Record:
             strategy=strategy,
             seed=seed,
             in_flight=in_flight,
+            certificate=certificate,
         )
 
     def _is_new(self, event: Event) -> bool:

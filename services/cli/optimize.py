@@ -131,6 +131,11 @@ def report(case: Case, result: Result) -> list[str]:
     ]
     failed = [trial for trial in result.trials if trial.reward is None]
     warned = [trial for trial in result.trials if trial.warning]
+    if (found := result.certificate) is not None:
+        lines.append(
+            f"no other of {found.actions} actions is better by more than {found.gain * 1e3:.3f} mm "
+            f"(probability {found.probability:g}); {found.left:.0%} of the cheap model's best places may be better"
+        )
     if failed:
         lines.append(f"{len(failed)} evaluations failed, the first: {failed[0].error}")
     if warned:

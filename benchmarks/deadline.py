@@ -1,8 +1,8 @@
 """Measure by how much answers come later than their deadline, in this process and from a running system.
 
 Run ``python -m benchmarks.deadline [--local] [--json]`` from the root of the checkout; it takes about two minutes. The
-wire's overrun is measured at the client: it holds the request's and the answer's way, and the codec. On a machine with other
-work a thread that only waits wakes up late too; by how much is measured beside it.
+wire's overrun is measured at the client: it holds the request's and the answer's way, and the codec. On a machine with
+other work a thread that only waits wakes up late too; by how much is measured beside it.
 """
 
 import argparse

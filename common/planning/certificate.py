@@ -20,7 +20,7 @@ from common.planning.gp import Float64s
 from common.planning.places import Places, around
 
 PROBABILITY = 0.9
-FACTORS: Mapping[str, float] = {"heuristic": 2.0}
+FACTORS: Mapping[str, float] = {"heuristic": 2.7}
 """Factor by the model whose places are searched; `frugal evaluate certificate` measures it."""
 RING_STEP, RING_SIDE = 4.0, 7
 """The grid around the answer: step in finest distances, points a side."""

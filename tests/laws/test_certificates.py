@@ -97,7 +97,8 @@ def test_strategies_that_cannot_say_give_none(strategy: str):
 
 
 @pytest.mark.parametrize("in_flight", [1, 2])
-def test_a_plan_ends_when_the_certificate_allows_no_more_gain(in_flight: int):
+def test_a_plan_ends_when_the_certificate_allows_no_more_gain(in_flight: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("common.planning.certificate.FACTORS", {"heuristic": 1.0})
     tight, wide = (run("quality", Bounded(upper=upper), in_flight=in_flight) for upper in (1e-4, 0.8))
     assert tight.certificate is not None
     assert tight.certificate.gain <= ENOUGH

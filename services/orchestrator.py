@@ -21,7 +21,7 @@ from common.domain.model import Event
 from common.domain.task import Task
 from common.domain.trial import Result, Trial
 from common.planning.evaluation import elapsed_s
-from common.planning.optimize import optimize
+from common.planning.optimize import MOST_IN_FLIGHT, optimize
 from common.planning.problem import Problem
 from common.planning.selection import parse_strategy
 from common.storage.journal import Journal, open_journal
@@ -167,8 +167,10 @@ class Orchestrator:
         request, problem = assignment.request, assignment.problem
         trusted = request.trusted or self._task.trusted
         required = parse_strategy(request.strategy).required(trusted)
-        self._directory.wait_for("model", required, timeout_s=self._settings.patience_s)
         deadline_s = _deadline_s(request, call)
+        patience_s = self._settings.patience_s if deadline_s is None else min(self._settings.patience_s, deadline_s)
+        self._directory.wait_for("model", required, timeout_s=patience_s)
+        deadline_s = _deadline_s(request, call)  # again: it may have waited
         until = time.monotonic() + (math.inf if deadline_s is None else deadline_s + ANSWER_MARGIN_S / 2)
         finished = threading.Event()
         limits = Limits(
@@ -181,7 +183,8 @@ class Orchestrator:
         if required not in models:
             raise self._refusal(required, problem)
         estimators = self._estimators(problem, quick, journal)
-        course = journal.begin(models=tuple(models), estimators=tuple(estimators), in_flight=request.in_flight)
+        in_flight = request.in_flight or self._replicas(required, problem)
+        course = journal.begin(models=tuple(models), estimators=tuple(estimators), in_flight=in_flight)
         try:
             return optimize(
                 problem,
@@ -201,6 +204,17 @@ class Orchestrator:
             )
         finally:
             finished.set()
+
+    def _replicas(self, model: str, problem: Problem) -> int:
+        """Return how many live workers of a model take the problem's grid and have not failed lately, 1 at least."""
+        found = [
+            worker
+            for worker in self._directory.workers("model", model)
+            if worker.card is not None
+            and not worker.is_suspect
+            and (worker.card.grid is None or worker.card.grid.grid() == problem.state.grid)
+        ]
+        return min(max(len(found), 1), MOST_IN_FLIGHT)
 
     def _refusal(self, model: str, problem: Problem) -> FrugalError:
         """Return why a model that was alive a moment ago cannot be used."""
@@ -289,9 +303,9 @@ def run_orchestrator(settings: WireSettings, own: OrchestratorSettings, *, task:
 
 
 def _deadline_s(request: OptimizeRequest, call: Call) -> float | None:
-    """Return when to answer with what is known, from the request and from the caller's budget [s]."""
-    left = call.remaining() - ANSWER_MARGIN_S
-    deadline_s = min(math.inf if request.deadline_s is None else request.deadline_s, left)
+    """Return how long from now it may take to answer, by the request and by the caller's budget [s]."""
+    wanted_s = math.inf if request.deadline_s is None else request.deadline_s - (time.monotonic() - call.began)
+    deadline_s = min(wanted_s, call.remaining() - ANSWER_MARGIN_S)
     return None if math.isinf(deadline_s) else max(deadline_s, 1e-3)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.certificate import Certificate
 from common.domain.model import Event
 
 
@@ -62,6 +63,8 @@ class Result:
         events: What went wrong and was dealt with.
         strategy: Name of the selection strategy.
         seed: Seed of every random choice.
+        in_flight: Largest number of evaluations at the same time, on which the trials depend as on the seed.
+        certificate: How much better another action may be; None where the strategy cannot say.
     """
 
     action: tuple[float, ...]
@@ -75,3 +78,5 @@ class Result:
     events: tuple[Event, ...]
     strategy: str
     seed: int
+    in_flight: int = 1
+    certificate: Certificate | None = None

@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from threading import Event as Flag
 from typing import TypeVar
@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.certificate import Certificate
 from common.domain.deviation import DeviationEstimator
 from common.domain.errors import CancelledError, FrugalError, RequestError, TimedOutError, UnavailableError
 from common.domain.model import Event, PredictiveModel
@@ -22,6 +23,7 @@ from common.planning.problem import Problem
 from common.planning.selection import DEFAULT, parse_strategy
 from common.planning.strategy import Strategy
 from common.planning.sweep import Sweeps
+from common.planning.threads import Threads
 
 T = TypeVar("T")
 
@@ -79,8 +81,9 @@ def optimize(
         in_flight: Largest number of evaluations at the same time.
         seed: Seed of every random choice.
         trusted: The model that is always applicable; the task's own if None.
-        deadline_s: Answer with the best action known after this time [s]; evaluations that still run are trials
-            without model and reward, and their threads end when their models answer.
+        deadline_s: Answer with the best action known after this time [s]: the best that was evaluated, else the best
+            of the sweeps. Evaluations that still run are trials without model and reward; nobody waits for them, nor
+            for a plan that still computes.
         clock: Seconds since any fixed moment, for time stamps.
         on_trial: Called with every trial, in the order of asking.
         cancelled: Whether the caller has lost interest; asked about every 20 ms.
@@ -123,19 +126,25 @@ def optimize(
         earlier=earlier,
         on_evaluation=on_evaluation,
     )
-    pool = ThreadPoolExecutor(in_flight + 1, thread_name_prefix="evaluation")  # one for sweeps
+    pool = Threads(in_flight + 1, name="evaluation")  # one for the plan and its sweeps
 
-    def wait_for(question: Callable[[], T]) -> T:
-        future = pool.submit(question)
+    def wait_for(function: Callable[[], T]) -> T:
+        future = pool.submit(function)
         if not _finished(future, now=now, deadline_s=deadline_s, cancelled=cancelled):
             raise _DeadlineError
         return future.result()
 
+    def sweep(question: Callable[[], T]) -> T:
+        if stop.is_set():
+            raise CancelledError("the optimisation has ended")
+        return question()
+
     try:
-        sweeps = Sweeps(problem, models, estimators, now=now, wait_for=wait_for)
+        sweeps = Sweeps(problem, models, estimators, now=now, wait_for=sweep)
         budget = chosen.budget(evaluations)
         plan = chosen.plan(Setting(problem, tuple(models), trusted, budget, seed, sweeps))
         record = _Record(plan, sweeps, now=now, on_trial=on_trial)
+        late, certificate = False, None
         running: deque[_Running] = deque()
         asked: list[tuple[int, NDArray[np.float64]]] = []
         try:
@@ -145,26 +154,27 @@ def optimize(
                         running += _started(asked, evaluator, pool)
                         asked.clear()
                     if not _finished(running[0].future, now=now, deadline_s=deadline_s, cancelled=cancelled):
-                        break
+                        raise _DeadlineError
                     record.settle(running.popleft())
-                if count < budget and (action := record.ask()) is not None:
+                if count < budget and (action := wait_for(record.ask)) is not None:
                     asked.append(action)
+            certificate = wait_for(record.certificate)
         except _DeadlineError:
-            pass
+            late = True
         running += [_Running(index, action, now(), Future()) for index, action in asked]
         for left in running:
             if left.future.done() and left.future.exception() is None:
-                record.settle(left)
+                record.settle(left, is_told=False)  # the plan may still be computing
             else:
                 record.abandon(left)
-        return record.result(strategy=chosen.name, seed=seed)
+        return record.result(strategy=chosen.name, seed=seed, in_flight=in_flight, late=late, certificate=certificate)
     finally:
         stop.set()
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.stop()
 
 
 class _DeadlineError(Exception):
-    """The deadline came while a plan was waiting for a sweep."""
+    """The deadline came while the plan computed or an evaluation ran."""
 
 
 @dataclass(frozen=True)
@@ -177,9 +187,7 @@ class _Running:
     future: Future[Evaluation]
 
 
-def _started(
-    asked: Sequence[tuple[int, NDArray[np.float64]]], evaluator: Evaluator, pool: ThreadPoolExecutor
-) -> list[_Running]:
+def _started(asked: Sequence[tuple[int, NDArray[np.float64]]], evaluator: Evaluator, pool: Threads) -> list[_Running]:
     """Start the evaluations of a round."""
     if not asked:
         return []
@@ -209,17 +217,25 @@ class _Record:
 
     def ask(self) -> tuple[int, NDArray[np.float64]] | None:
         """Return the next index and action; None if the plan wants no more for now."""
-        began, swept_s = self._now(), sum(self._sweeps.split_s.values())
-        action = self._plan.ask()
-        # A plan waits for its sweeps; the rest of its time is its own.
-        self._split["optimiser"] += max(self._now() - began - (sum(self._sweeps.split_s.values()) - swept_s), 0.0)
+        action = self._own_time(self._plan.ask)
         if action is None:
             return None
         self._asked += 1
         return self._asked - 1, action
 
-    def settle(self, running: _Running) -> None:
-        """Tell the plan and keep the evidence.
+    def certificate(self) -> Certificate | None:
+        """Return the plan's certificate."""
+        return self._own_time(self._plan.certificate)
+
+    def _own_time(self, question: Callable[[], T]) -> T:
+        """Ask the plan; it waits for its sweeps, the rest of the time is its own."""
+        began, swept_s = self._now(), sum(self._sweeps.split_s.values())
+        answer = question()
+        self._split["optimiser"] += max(self._now() - began - (sum(self._sweeps.split_s.values()) - swept_s), 0.0)
+        return answer
+
+    def settle(self, running: _Running, *, is_told: bool = True) -> None:
+        """Keep the evidence, and tell it to the plan if ``is_told``.
 
         Raises:
             FrugalError: The evaluation failed for good, or it was the last of the first few and all of them failed.
@@ -229,7 +245,8 @@ class _Record:
         outcome = None
         if trial.reward is not None and evaluation.heights is not None:
             outcome = Outcome(trial.model, trial.reward, evaluation.heights)
-        self._plan.tell(trial.index, outcome)
+        if is_told:
+            self._plan.tell(trial.index, outcome)
         self._split["optimiser"] += self._now() - began
         for name, seconds in evaluation.split_s.items():
             self._split[name] = self._split.get(name, 0.0) + seconds
@@ -262,34 +279,39 @@ class _Record:
             )
         )
 
-    def result(self, *, strategy: str, seed: int) -> Result:
-        """Return the answer.
+    def result(
+        self, *, strategy: str, seed: int, in_flight: int, late: bool, certificate: Certificate | None
+    ) -> Result:
+        """Return the answer; ``late``, at the deadline, a cheap model's if no evaluation has one.
 
         Raises:
             FrugalError: There is none.
         """
         swept = self._sweeps
-        if self._best is None and self._failure is None and swept.best is not None:
-            # At the deadline a cheap model's word is all there is.
-            self._best = replace(swept.best[0], index=len(self._trials)), swept.best[1]
+        if self._best is None and late and swept.best is not None:
+            cheap, heights = swept.best
+            self._best = replace(cheap, index=len(self._trials)), heights
             self._keep(self._best[0])
         if self._best is None:
             raise self._failure or TimedOutError("deadline_s: expected time for one evaluation at least, none finished")
         best, heights = self._best
-        for name, seconds in swept.split_s.items():
+        swept_s, usage = dict(swept.split_s), Counter(dict(swept.usage))  # copies: an abandoned plan may still sweep
+        for name, seconds in swept_s.items():
             self._split[name] = self._split.get(name, 0.0) + seconds
         return Result(
             action=best.action,
             reward=_reward(best),
             heights=heights,
             trials=tuple(self._trials),
-            usage=dict(Counter(trial.model for trial in self._trials if trial.model) + swept.usage),
-            models=swept.versions | {trial.model: trial.version for trial in self._trials if trial.version},
+            usage=dict(Counter(trial.model for trial in self._trials if trial.model) + usage),
+            models=dict(swept.versions) | {trial.model: trial.version for trial in self._trials if trial.version},
             split_s=self._split,
             wall_s=self._now(),
             events=tuple(sorted((*self._events, *swept.events), key=lambda event: event.time)),
             strategy=strategy,
             seed=seed,
+            in_flight=in_flight,
+            certificate=certificate,
         )
 
     def _is_new(self, event: Event) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.deviation import Estimates
 from common.planning.gp import Float64s
 from common.planning.plan import Setting
 from common.planning.space import Space
@@ -31,12 +32,14 @@ class Places:
         actions: ``(P, n)``.
         rewards: Predicted rewards ``(P,)`` [m].
         widths: Relative uncertainty by the MDE, 1 on average ``(P,)``.
+        estimates: What the MDE says; None without one.
         model: The model; empty if none answered, and then all rewards are 0.
     """
 
     actions: Float64s
     rewards: Float64s
     widths: Float64s
+    estimates: Estimates | None
     model: str
 
 
@@ -61,7 +64,8 @@ def find_places(setting: Setting, *, models: int) -> Places:
             known, model = better, name
     chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit, space)
     actions = known[0][chosen]
-    return Places(actions, known[1][chosen], relative_widths(setting, model, actions), model)
+    found = setting.survey.estimates(model, actions) if model else None
+    return Places(actions, known[1][chosen], _relative(found, len(actions)), found, model)
 
 
 def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s, space: Space) -> NDArray[np.intp]:
@@ -125,7 +129,10 @@ def _look_closer(
 
 def relative_widths(setting: Setting, model: str, actions: Float64s) -> Float64s:
     """Return the uncertainty of a model's rewards by its MDE, 1 on average ``(B,)``; 1 everywhere without an MDE."""
-    found = setting.survey.estimates(model, actions) if model else None
+    return _relative(setting.survey.estimates(model, actions) if model else None, len(actions))
+
+
+def _relative(found: Estimates | None, count: int) -> Float64s:
     if found is None or found.mean.mean() <= 0:
-        return np.ones(len(actions))
+        return np.ones(count)
     return np.maximum(found.mean / found.mean.mean(), 0.1)

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.certificate import Certificate
 from common.domain.deviation import Estimates
 from common.planning.problem import Problem
 
@@ -31,6 +32,15 @@ class Survey(Protocol):
 
     def rewards(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return the rewards ``(B,)`` [m] of a model's predictions for actions ``(B, n)``; None if it failed."""
+        ...
+
+    def compare(
+        self, model: str, actions: NDArray[np.float64], outcomes: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return the rewards ``(B,)`` [m] of a model's predictions, and their deviations ``(B,)`` [m] from outcomes.
+
+        None if it failed. The outcomes ``(B, H, W)`` [m] are the trusted model's.
+        """
         ...
 
     def estimates(self, model: str, actions: NDArray[np.float64]) -> Estimates | None:
@@ -79,3 +89,7 @@ class Plan(ABC):
     @abstractmethod
     def tell(self, index: int, outcome: Outcome | None) -> None:
         """Learn what came of action ``index``, counted from 0 in the order of asking; None if nobody could tell."""
+
+    def certificate(self) -> Certificate | None:
+        """Return how much better than the best action told another one may be; None if the plan cannot say."""
+        return None

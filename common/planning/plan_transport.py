@@ -1,9 +1,12 @@
 """Our plan: every simulation tells about its neighbourhood, because its settled surface moves with the item."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from common.domain.certificate import Certificate
 from common.domain.errors import RequestError
 from common.domain.transport import Transport
+from common.planning.certificate import certified_grid, certify, correction, slack
 from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
 from common.planning.places import SPREAD, around, best_apart, find_places, finest
@@ -19,6 +22,8 @@ NEAREST = 3
 GAIN = 1e-5
 PATIENCE = 9
 """The plan ends after this many calls without a gain of `GAIN` [m]."""
+ENOUGH = 5e-5
+"""The plan ends when the certificate allows no larger gain [m]."""
 FAR_PLACES = 12
 PEAKS = 3
 """Simulated actions, apart from each other, whose neighbourhoods are searched."""
@@ -38,19 +43,22 @@ class TransportPlan(Plan):
         setting: The optimisation.
         calls: Largest number of simulator calls.
         models: How many of the cheap models to ask.
+        enough: The plan ends when the certificate allows no larger gain [m].
     """
 
-    def __init__(self, setting: Setting, *, calls: int, models: int) -> None:
+    def __init__(self, setting: Setting, *, calls: int, models: int, enough: float = ENOUGH) -> None:
         self._setting = setting
         self._calls = min(calls, setting.evaluations)
         self._models = models
+        self._enough = enough
         self._unit = finest(setting)
         self._space = Space.of(setting.problem)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._asked: list[Float64s] = []
         self._told: dict[int, tuple[Transport, float]] = {}
-        self._uncompared: list[int] = []
+        self._uncompared: list[tuple[int, NDArray[np.float32]]] = []
         self._errors: dict[int, float] = {}
+        self._deviations: list[tuple[float, float]] = []
         self._idle = 0
 
     def ask(self) -> Float64s | None:
@@ -60,6 +68,8 @@ class TransportPlan(Plan):
         if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
             return None
         self._compare()
+        if self._told and (certificate := self._certificate()) is not None and certificate.gain <= self._enough:
+            return None
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else CURIOSITY
         candidates = [self._best_place(curiosity)]
         if self._told and not (curiosity and self._idle in ELSEWHERE and np.isfinite(candidates[0][0])):
@@ -82,7 +92,39 @@ class TransportPlan(Plan):
             raise RequestError(f"strategy transport: expected a task with a transport, got {problem.task.name}")
         self._idle = 0 if outcome.reward > self._best_reward + GAIN else self._idle + 1
         self._told[index] = transport, outcome.reward
-        self._uncompared.append(index)
+        self._uncompared.append((index, outcome.heights))
+
+    def certificate(self) -> Certificate | None:
+        """Return how much better another action may be; None before the first outcome or without an MDE's bound."""
+        if not self._told:
+            return None
+        self._compare()
+        return self._certificate()
+
+    def slack(self) -> tuple[float, float] | None:
+        """Return what the MDE's bounds leave possible [m] and the share of the places that may be better."""
+        found, places = self._places.estimates, self._places
+        if found is None or found.scale_m is None or not found.familiar.any():
+            return None
+        typical = float(found.mean.mean()) * found.scale_m
+        factor = correction(self._deviations, typical) * found.scale_m
+        return slack(places, factor * found.upper, self._best_reward)
+
+    @property
+    def model(self) -> str:
+        """The cheap model whose places are searched; empty without one."""
+        return self._places.model
+
+    def grid(self) -> Float64s:
+        """Return the actions that the certificate is about ``(G, n)``."""
+        best = max(self._told, key=lambda index: self._told[index][1])
+        return certified_grid(self._places, self._asked[best], self._unit, self._space)
+
+    def _certificate(self) -> Certificate | None:
+        found = self.slack()
+        if found is None:
+            return None
+        return certify(self._places.model, *found, calls=len(self._told), actions=len(self.grid()))
 
     @property
     def _best_reward(self) -> float:
@@ -155,16 +197,23 @@ class TransportPlan(Plan):
         return scores
 
     def _compare(self) -> None:
-        """Ask the cheap model about what was simulated since the last time; without one its rewards are 0."""
+        """Ask the cheap model and its MDE about what was simulated since; without a model its rewards are 0."""
         if not self._uncompared:
             return
-        actions = np.stack([self._asked[index] for index in self._uncompared])
-        model = self._places.model
-        cheap = self._setting.survey.rewards(model, actions) if model else np.zeros(len(actions))
-        if cheap is not None:
-            rewards = np.array([self._told[index][1] for index in self._uncompared])
-            self._errors.update(zip(self._uncompared, (rewards - cheap).tolist(), strict=True))
+        indices = [index for index, _ in self._uncompared]
+        actions = np.stack([self._asked[index] for index in indices])
+        model, survey = self._places.model, self._setting.survey
+        cheap = np.zeros(len(actions)), np.zeros(len(actions))
+        if model:
+            cheap = survey.compare(model, actions, np.stack([heights for _, heights in self._uncompared]))
         self._uncompared.clear()
+        if cheap is None:
+            return
+        rewards = np.array([self._told[index][1] for index in indices])
+        self._errors.update(zip(indices, (rewards - cheap[0]).tolist(), strict=True))
+        found = None if self._places.estimates is None else survey.estimates(model, actions)
+        if found is not None and found.scale_m is not None:
+            self._deviations += zip((found.scale_m * found.mean).tolist(), cheap[1].tolist(), strict=True)
 
     def _corrected(self) -> tuple[Float64s, Float64s]:
         """Return mean and standard deviation of the rewards at the places, corrected by what calls have shown [m]."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common.domain.deviation import DeviationEstimator, Estimates
+from common.domain.deviation import DeviationEstimator, Estimates, deviation
 from common.domain.model import Event, Predictions, PredictiveModel
 from common.domain.trial import Trial
 from common.planning.estimation import RECOVERABLE, failure_event
@@ -28,7 +28,7 @@ class Sweeps:
         models: Models by name.
         estimators: MDEs by the name of their model.
         now: Seconds since the optimisation began.
-        wait_for: Runs a function elsewhere and returns what it returns; raises when nobody waits any more.
+        wait_for: Runs a function and returns what it returns; raises when nobody waits any more.
 
     Attributes:
         usage: Actions asked, by model.
@@ -60,6 +60,23 @@ class Sweeps:
 
     def rewards(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return the rewards ``(B,)`` [m] of a model's predictions for actions ``(B, n)``; None if it failed."""
+        return self._predict(model, actions, lambda part, heights: None)
+
+    def compare(
+        self, model: str, actions: NDArray[np.float64], outcomes: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return rewards and deviations from outcomes ``(B, H, W)`` [m], both ``(B,)`` [m]; None if it failed."""
+        deviations = np.empty(len(actions))
+
+        def keep(part: slice, heights: NDArray[np.float32]) -> None:
+            deviations[part] = deviation(heights, outcomes[part])
+
+        rewards = self._predict(model, actions, keep)
+        return None if rewards is None else (rewards, deviations)
+
+    def _predict(
+        self, model: str, actions: NDArray[np.float64], keep: Callable[[slice, NDArray[np.float32]], None]
+    ) -> NDArray[np.float64] | None:
         source = self._models[model]
         rewards = np.empty(len(actions))
         for part in _parts(len(actions), source.largest_batch):
@@ -71,6 +88,7 @@ class Sweeps:
             began = self._now()
             task, target = self._problem.task, self._problem.target
             rewards[part] = [float(task.reward(heights, target)) for heights in answer.heights]  # one by one: in cache
+            keep(part, answer.heights)
             self._add("optimiser", self._now() - began)
             self.usage[model] += len(answer.heights)
             self.versions[model] = answer.version

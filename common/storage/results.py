@@ -34,6 +34,8 @@ def summarize(result: Result, *, case: Case, settings: Mapping[str, Any]) -> dic
         "models": result.models,
         "strategy": result.strategy,
         "seed": result.seed,
+        "in_flight": result.in_flight,
+        "certificate": None if result.certificate is None else asdict(result.certificate),
         "wall_s": result.wall_s,
         "split_s": result.split_s,
         "events": [asdict(event) for event in result.events],

@@ -14,6 +14,7 @@ class Call:
 
     Attributes:
         id: The request's identifier.
+        began: When it arrived, on the monotonic clock [s].
     """
 
     def __init__(
@@ -25,7 +26,8 @@ class Call:
         publish: Callable[[Progress], None],
     ) -> None:
         self.id = request_id
-        self._deadline = time.monotonic() + budget_s
+        self.began = time.monotonic()
+        self._deadline = self.began + budget_s
         self._run = new_id()
         self._taken_back = threading.Event()
         self._waiting = waiting

@@ -111,6 +111,9 @@ class EstimateReply(Reply):
     instance: str
     compute_s: Seconds = Field(description="Time that the estimator took [s].")
     load: Count = Field(default=0, description="Requests that wait at this worker.")
+    scale_m: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="The deviation that counts as 1 [m]; null: the MDE does not say."
+    )
 
     @classmethod
     def of(cls, estimates: Estimates, *, model: str, version: str, instance: str, compute_s: float) -> Self:
@@ -120,6 +123,7 @@ class EstimateReply(Reply):
             upper=Array.of(estimates.upper),
             familiar=Array.of(estimates.familiar),
             reason=estimates.reason,
+            scale_m=estimates.scale_m,
             model=model,
             version=version,
             instance=instance,

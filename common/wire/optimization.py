@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
+from common.domain.certificate import Certificate
 from common.domain.model import Event
 from common.domain.trial import Result, Trial
 from common.wire.array import Array
@@ -85,13 +86,17 @@ class OptimizeRequest(Request):
     evaluations: int = Field(
         default=50, ge=1, le=5000, description="How many actions to evaluate; strategies with a budget stop at theirs."
     )
-    in_flight: int = Field(default=1, ge=1, le=64, description="How many evaluations run at the same time.")
+    in_flight: Annotated[int, Field(ge=1, le=64)] | None = Field(
+        default=None,
+        description="How many evaluations run at the same time; null: as many as there are live replicas of the "
+        "trusted model, or of the one that the strategy names. The reply says how many it was.",
+    )
     seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of every random choice.")
     d_max: float = Field(
         default=0.4, gt=0, le=1, description="Estimated deviation, scaled to [0, 1], below which a model is used."
     )
     deadline_s: float | None = Field(
-        default=None, gt=0, description="When to answer with the best action known so far, since the search began [s]."
+        default=None, gt=0, description="When to answer with the best action known, since the request arrived [s]."
     )
     trusted: Name | None = Field(default=None, description="The model that is always applicable; null: the task's.")
 
@@ -129,6 +134,24 @@ def _feed(update: Callable[[bytes], None], value: object) -> None:
         update(f"{value!r};".encode())
 
 
+class CertificateMessage(Reply):
+    """No action on a grid is better than the answer by more than ``gain``, see `common.domain.certificate`."""
+
+    gain: float = Field(ge=0, description="Largest gain in reward that any action on the grid may bring [m].")
+    probability: float = Field(gt=0, lt=1, description="Share of optimisations for which that is true.")
+    actions: int = Field(ge=1, description="Number of actions on the grid.")
+    left: float = Field(ge=0, le=1, description="Share of them that may be better than the answer.")
+
+    @classmethod
+    def of(cls, certificate: Certificate) -> Self:
+        """Return a certificate as a message."""
+        return cls(**vars(certificate))
+
+    def certificate(self) -> Certificate:
+        """Return the certificate."""
+        return Certificate(**dict(self))
+
+
 class OptimizeReply(Reply):
     """The best action and its evidence, as in `common.domain.trial.Result`."""
 
@@ -150,6 +173,10 @@ class OptimizeReply(Reply):
     strategy: str
     seed: int
     instance: str = Field(description="The orchestrator that answered.")
+    in_flight: int = Field(default=1, ge=1, description="How many evaluations ran at the same time.")
+    certificate: CertificateMessage | None = Field(
+        default=None, description="How much better another action may be; null: the strategy cannot say."
+    )
 
     @classmethod
     def of(cls, result: Result, *, request_id: str, task: str, instance: str) -> Self:
@@ -158,6 +185,7 @@ class OptimizeReply(Reply):
             "heights": Array.of(result.heights),
             "trials": tuple(TrialMessage.of(trial) for trial in result.trials),
             "events": tuple(EventMessage.of(event) for event in result.events),
+            "certificate": result.certificate and CertificateMessage.of(result.certificate),
         }
         return cls(id=request_id, task=task, instance=instance, **fields)
 
@@ -167,6 +195,7 @@ class OptimizeReply(Reply):
             "heights": np.asarray(self.heights.values(), dtype=np.float32),
             "trials": tuple(trial.trial() for trial in self.trials),
             "events": tuple(event.event() for event in self.events),
+            "certificate": self.certificate and self.certificate.certificate(),
         }
         return Result(**{name: fields[name] for name in Result.__dataclass_fields__})
 

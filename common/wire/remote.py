@@ -138,6 +138,7 @@ class RemoteEstimator(DeviationEstimator):
             instance=answer.address.instance,
             compute_s=min(reply.compute_s, answer.seconds),
             events=answer.events,
+            scale_m=reply.scale_m,
         )
 
 

@@ -20,9 +20,9 @@ from services.cli.warm import compile_kernels
 @click.argument("scene", default="01-steak-heap")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True)
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
-@click.option("--in-flight", type=click.IntRange(1, 64), default=4, show_default=True)
+@click.option("--in-flight", type=click.IntRange(1, 64), help="Default: as many as there are simulators.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
-def demo(*, scene: str, out: Path, evaluations: int, in_flight: int, seed: int) -> None:
+def demo(*, scene: str, out: Path, evaluations: int, in_flight: int | None, seed: int) -> None:
     """Start router, models, their MDEs and orchestrator, optimise SCENE, draw it, stop everything."""
     began = time.perf_counter()
     case = find_case(scene)

@@ -35,7 +35,9 @@ from services.cli.asking import find_case, say
 )
 @click.option("--task", type=click.Choice(list(TASKS)), help="What the orchestrator serves [default: SCENE's task].")
 @click.option("--evaluations", type=click.IntRange(1, 5000), default=50, show_default=True)
-@click.option("--in-flight", type=click.IntRange(1, 64), default=1, show_default=True, help="Evaluations at a time.")
+@click.option(
+    "--in-flight", type=click.IntRange(1, 64), help="Evaluations at a time [default: as many as there are simulators]."
+)
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
 @click.option("--d-max", type=click.FloatRange(0, 1, min_open=True), default=0.4, show_default=True)
 @click.option("--deadline", type=click.FloatRange(0, min_open=True), help="Answer with the best known by then [s].")
@@ -152,6 +154,11 @@ def report(case: Case, result: Result) -> list[str]:
     ]
     failed = [trial for trial in result.trials if trial.reward is None]
     warned = [trial for trial in result.trials if trial.warning]
+    if (found := result.certificate) is not None:
+        lines.append(
+            f"no other of {found.actions} actions is better by more than {found.gain * 1e3:.3f} mm "
+            f"(probability {found.probability:g}); {found.left:.0%} of the cheap model's best places may be better"
+        )
     if failed:
         lines.append(f"{len(failed)} evaluations failed, the first: {failed[0].error}")
     if warned:

@@ -53,6 +53,7 @@ class NetworkEstimator(DeviationEstimator):
         self.version = calibrated.card.version
         self.weights = calibrated.card.sha256
         self._calibrated = calibrated
+        self._scale_m = calibrated.card.deviation_scale_m
         self._inference = Inference(calibrated.ensemble)
         self._known: OrderedDict[str, _Known] = OrderedDict()
         self._turn = threading.Lock()
@@ -63,7 +64,7 @@ class NetworkEstimator(DeviationEstimator):
             known = self._state(state)
             if not known.encodings:
                 ones = np.ones(len(actions))
-                return Estimates(ones, ones, ones < 1, known.complaint)
+                return Estimates(ones, ones, ones < 1, known.complaint, scale_m=self._scale_m)
             parts = [
                 self._inference.estimate(known.encodings, actions[start : start + CHUNK])
                 for start in range(0, len(actions), CHUNK)
@@ -80,7 +81,7 @@ class NetworkEstimator(DeviationEstimator):
             )
         if not familiar.all():
             reason = reason or FAR.format(distance.max())
-        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason)
+        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason, scale_m=self._scale_m)
 
     def _state(self, state: State) -> _Known:
         if state.digest in self._known:

@@ -126,6 +126,7 @@ def test_a_worker_estimates_what_its_weights_do_and_its_card_names_them(
     np.testing.assert_allclose(found.upper, expected.upper, atol=1e-6)
     np.testing.assert_array_equal(found.familiar, expected.familiar)
     assert found.reason == expected.reason
+    assert found.scale_m == expected.scale_m is not None
     assert worker.card is not None
     assert worker.card.weights == json.loads((weights / "card.json").read_text())["sha256"]
 

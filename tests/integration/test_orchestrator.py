@@ -108,6 +108,28 @@ def test_the_same_seed_gives_the_same_trials_remotely_and_locally(system: System
     assert {trial.instance for trial in first.trials} == {"a", "b"}
 
 
+@pytest.mark.parametrize("replicas", [1, 3])
+def test_by_default_as_many_evaluations_are_in_flight_as_there_are_replicas(system: System, replicas: int):
+    for instance in "abc"[:replicas]:
+        system.start("good", instance)
+    result = system.optimize()
+    assert result.in_flight == replicas
+    assert what(result.trials) == what(locally(in_flight=replicas).trials)
+
+
+@pytest.mark.parametrize("deadline_s", [0.3, 1.0])
+def test_a_deadline_ends_a_search_whose_models_are_slow(system: System, deadline_s: float):
+    system.start("slow" if deadline_s > 0.5 else "good", "a")
+    system.optimize(evaluations=1)
+    began = time.monotonic()
+    result = system.optimize(evaluations=5000, deadline_s=deadline_s)
+    took_s = time.monotonic() - began
+    assert result.wall_s <= took_s < deadline_s + 10  # benchmarks/deadline.py measures it
+    assert result.wall_s < deadline_s + 2
+    assert result.reward == max(trial.reward for trial in result.trials if trial.reward is not None)
+    assert len(result.trials) < 5000
+
+
 @pytest.mark.parametrize("failure", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_worker_that_dies_or_stops_takes_nothing_with_it(system: System, failure: signal.Signals):
     system.start("slow", "good")
@@ -237,6 +259,9 @@ def test_several_optimisations_run_at_once(system: System):
             stack.enter_context(client.follow_progress(system.session, steps.append, request_id=name))
         pool = stack.enter_context(ThreadPoolExecutor(3))
         results = list(pool.map(lambda n: system.optimize(id=f"run-{n}", seed=n, evaluations=6), range(3)))
+        deadline = time.monotonic() + 20  # a last step may come after its answer
+        while sum(step.kind == "finished" for step in steps) < 3 and time.monotonic() < deadline:
+            time.sleep(0.02)
     assert [result.seed for result in results] == [0, 1, 2]
     kinds = [step.kind for step in steps if step.kind in ("accepted", "finished")]
     assert kinds == ["accepted"] * 3 + ["finished"] * 3

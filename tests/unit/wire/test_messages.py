@@ -53,7 +53,7 @@ def test_requests_get_an_id_of_their_own():
 
 def test_the_defaults_of_an_optimisation_are_the_paper_s():
     defaults = {name: field.default for name, field in OptimizeRequest.model_fields.items()}
-    assert (defaults["evaluations"], defaults["in_flight"], defaults["d_max"]) == (50, 1, 0.4)
+    assert (defaults["evaluations"], defaults["in_flight"], defaults["d_max"]) == (50, None, 0.4)
 
 
 def test_replies_may_say_more_than_this_version_knows():

@@ -17,6 +17,7 @@ from common.planning.certificate import (
     slack,
 )
 from common.planning.places import Places
+from common.planning.space import Space
 
 ACTIONS = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.02]])
 PLACES = Places(ACTIONS, np.array([-3e-3, -1e-3, -2e-3]), np.ones(3), None, "heuristic")
@@ -83,7 +84,7 @@ def test_too_few_targets_support_no_statement():
 def test_the_grid_holds_the_places_and_the_answer_s_neighbours_within_the_limits():
     limits, unit = np.array([[-0.08, 0.08], [-0.08, 0.08]]), np.full(2, 2.5e-4)
     answer = np.array([0.0798, 0.03])
-    grid = certified_grid(PLACES, answer, unit, limits)
+    grid = certified_grid(PLACES, answer, unit, Space(limits, np.zeros(2, dtype=bool)))
     assert len(np.unique(grid, axis=0)) == len(grid)
     neighbours = answer + np.array([[0.0, 0.0], [-1e-3, 1e-3], [-3e-3, -3e-3]])
     for action in (*ACTIONS, *neighbours):

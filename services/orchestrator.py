@@ -179,7 +179,7 @@ class Orchestrator:
             cancelled=lambda: call.cancelled() or finished.is_set(),
         )
         quick = replace(limits, timeout_s=self._settings.estimate_timeout_s)
-        models = self._models(problem, limits, journal)
+        models = self._models(problem, limits, journal, trusted=trusted)
         if required not in models:
             raise self._refusal(required, problem)
         estimators = self._estimators(problem, quick, journal)
@@ -224,7 +224,7 @@ class Orchestrator:
             return RequestError(f"grid: expected one that {model} takes ({grids}), got {problem.state.grid}")
         return UnavailableError(f"expected a live worker for model {model} of {self._task.name}, got none")
 
-    def _models(self, problem: Problem, limits: Limits, journal: Journal) -> Mapping[str, RemoteModel]:
+    def _models(self, problem: Problem, limits: Limits, journal: Journal, *, trusted: str) -> Mapping[str, RemoteModel]:
         """Return the models that take the problem's grid, from cheapest to dearest by measured cost.
 
         A run that is resumed gets those that it had, in the same order.
@@ -232,8 +232,7 @@ class Orchestrator:
         known = None if journal.course is None else journal.course.models
         names = self._fitting("model", problem, known=known)
         if known is None:
-            costs = {name: self._directory.cost_s("model", name) for name in names}
-            ordered = sorted(names, key=lambda name: (math.inf if (cost := costs[name]) is None else cost, name))
+            ordered = by_cost({name: self._directory.action_s("model", name) for name in names}, trusted=trusted)
         else:
             ordered = [name for name in known if name in names]
         return _reachable(ordered, partial(RemoteModel, self._directory, limits=limits))
@@ -300,6 +299,22 @@ def run_orchestrator(settings: WireSettings, own: OrchestratorSettings, *, task:
         return Host(session, card, endpoints, threads=own.requests, queue_length=own.queue_length)
 
     return run_host(build, settings)
+
+
+def by_cost(costs: Mapping[str, float | None], *, trusted: str) -> list[str]:
+    """Return models from cheapest to dearest; those whose cost nobody knows yet come just before the trusted one.
+
+    Behind it they would never be asked, and so never be measured.
+    """
+    known = {name: math.inf if cost is None else cost for name, cost in costs.items()}
+    limit = known.get(trusted, math.inf)
+
+    def rank(name: str) -> tuple[float, bool, str]:
+        if costs[name] is None and name != trusted:
+            return limit, False, name
+        return known[name], True, name
+
+    return sorted(costs, key=rank)
 
 
 def _deadline_s(request: OptimizeRequest, call: Call) -> float | None:

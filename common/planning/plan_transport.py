@@ -96,7 +96,7 @@ class TransportPlan(Plan):
 
     def certificate(self) -> Certificate | None:
         """Return how much better another action may be; None before the first outcome or without an MDE's bound."""
-        if not self._told:
+        if not self._told or self._places.estimates is None:
             return None
         self._compare()
         return self._certificate()

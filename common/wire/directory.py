@@ -239,6 +239,16 @@ class Directory:
             ]
         return min(told, default=None)
 
+    def action_s(self, role: Role, model: str | None) -> float | None:
+        """Return what one action costs in the smallest batches that were measured here, else by workers' cards [s]."""
+        with self._changed:
+            meter = self._meters.get((role, model))
+            workers = self._seen(role, model)
+            costs = meter.costs() if meter is not None else ()
+            costs = costs or tuple(cost for one in workers if one.card is not None for cost in one.card.cost)
+        smallest = min((cost.batch for cost in costs), default=0)
+        return min((cost.p50_s / cost.batch for cost in costs if cost.batch == smallest), default=None)
+
     def is_partitioned(self) -> bool:
         """Return whether this process has lost its router, so that silence says nothing about the workers."""
         if is_connected(self.session):

@@ -130,14 +130,17 @@ def test_a_deadline_ends_a_search_whose_models_are_slow(system: System, deadline
     assert len(result.trials) < 5000
 
 
-def test_a_cheap_model_is_swept_again_and_also_after_the_trusted_one_was_measured_alone(system: System):
-    system.start("slow", "a")
-    system.optimize(strategy="only:simulator", evaluations=2)
-    system.workers.enter_context(running("good", "heuristic", "h", endpoint=system.endpoint, log=system.log))
-    system.wait_for(lambda names: "heuristic/h" in names)
-    for _ in range(3):
-        # One call, so that the heuristic is asked in large batches only.
-        assert system.optimize(strategy="transport:calls=1").usage["heuristic"] > 100
+def test_a_cheap_model_is_swept_again_and_also_after_the_trusted_one_was_measured_alone(tmp_path: Path):
+    with ExitStack() as stack:
+        system = System(stack, tmp_path)  # of its own: this one has measured nothing yet
+        stack.enter_context(system.workers)
+        system.start("slow", "a")
+        system.optimize(strategy="only:simulator", evaluations=2)
+        system.workers.enter_context(running("good", "heuristic", "h", endpoint=system.endpoint, log=system.log))
+        system.wait_for(lambda names: "heuristic/h" in names)
+        for _ in range(3):
+            # One call, so that the heuristic is asked in large batches only.
+            assert system.optimize(strategy="transport:calls=1").usage["heuristic"] > 100
 
 
 @pytest.mark.parametrize("failure", [signal.SIGKILL, signal.SIGSTOP])

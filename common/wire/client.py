@@ -22,7 +22,6 @@ LONGEST_S = 24 * 3600.0
 LOOK_S = 1.0
 LAST_STEP_S = 5.0
 RETRIES = 5
-HEARD_S = 0.5
 RETURN_S = 30.0
 """How long to wait for an orchestrator that was there and is gone: its process is restarted, or the connection."""
 
@@ -78,15 +77,15 @@ def optimize(
             steps.last.wait(LAST_STEP_S)
             return reply
 
-    attempts, was_heard = 0, False
+    attempts, was_there = 0, _is_served(session, request.task)
     try:
         while True:
-            began, attempts = time.monotonic(), attempts + 1
+            attempts += 1
             try:
                 return ask_once()
             except NoReplyError:
-                was_heard = was_heard or steps.any.is_set() or time.monotonic() - began > HEARD_S
-                patience_s = min(RETURN_S, deadline - time.monotonic()) if was_heard else 0.0
+                was_there = was_there or steps.any.is_set()
+                patience_s = min(RETURN_S, deadline - time.monotonic()) if was_there else 0.0
                 if attempts > RETRIES or not _returns(
                     session, request.task, patience_s=patience_s, cancelled=cancelled
                 ):
@@ -109,13 +108,19 @@ def _returns(session: zenoh.Session, task: str, *, patience_s: float, cancelled:
     deadline = time.monotonic() + patience_s
     while not cancelled():
         time.sleep(0.1)  # the token of a process that has just been killed may still be there
-        if is_connected(session):
-            replies = session.liveliness().get(every_orchestrator(task, "live"), timeout=LOOK_S)
-            if any(reply.ok is not None for reply in replies):
-                return True
+        if _is_served(session, task):
+            return True
         if time.monotonic() >= deadline:
             return False
     raise CancelledError("the request was taken back while its orchestrator was gone")
+
+
+def _is_served(session: zenoh.Session, task: str) -> bool:
+    """Return whether an orchestrator of a task is alive."""
+    if not is_connected(session):
+        return False
+    replies = session.liveliness().get(every_orchestrator(task, "live"), timeout=LOOK_S)
+    return any(reply.ok is not None for reply in replies)
 
 
 def cancel_optimization(session: zenoh.Session, *, task: str, request_id: str) -> None:

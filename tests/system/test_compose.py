@@ -107,7 +107,7 @@ def test_the_orchestrator_uses_as_many_simulators_as_there_are(
 
 def test_the_mdes_in_containers_choose_among_the_models(containers: Containers, tmp_path: Path) -> None:
     result, trials = optimize(containers, tmp_path, "--strategy", "threshold", "--evaluations", "20")
-    assert result["events"] == []
+    assert {event["kind"] for event in result["events"]} <= {"unfamiliar"}  # corners that no training action is in
     assert all(set(trial["estimates"]) <= {"heuristic", "learned"} and trial["estimates"] for trial in trials)
     assert len(result["usage"]) > 1
 

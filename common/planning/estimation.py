@@ -104,6 +104,11 @@ def failure_event(error: FrugalError, worker: str) -> Event:
     return Event("model_error" if isinstance(error, ModelError) else error.code, worker, str(error))
 
 
+def unfamiliar_event(estimates: Estimates, worker: str) -> Event:
+    """Return the event that an MDE does not know what it was asked about."""
+    return Event("unfamiliar", worker, estimates.reason or "unlike what the MDE learned from")
+
+
 def _singles(estimates: Estimates) -> list[Estimate]:
     return [
         Estimate(float(mean), float(upper), bool(familiar))
@@ -114,4 +119,4 @@ def _singles(estimates: Estimates) -> list[Estimate]:
 def _events(estimates: Estimates, worker: str) -> tuple[Event, ...]:
     if estimates.familiar.all():
         return estimates.events
-    return (*estimates.events, Event("unfamiliar", worker, estimates.reason or "unlike what the MDE learned from"))
+    return (*estimates.events, unfamiliar_event(estimates, worker))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.domain.deviation import DeviationEstimator, Estimates, deviation
 from common.domain.model import Event, Predictions, PredictiveModel
 from common.domain.trial import Trial
-from common.planning.estimation import RECOVERABLE, failure_event
+from common.planning.estimation import RECOVERABLE, failure_event, unfamiliar_event
 from common.planning.problem import Problem
 
 LARGEST_BATCH = 64
@@ -56,6 +56,7 @@ class Sweeps:
         self.versions: dict[str, str] = {}
         self.split_s: dict[str, float] = {}
         self.events: list[Event] = []
+        self._unfamiliar: set[str] = set()
         self.best: tuple[Trial, NDArray[np.float32]] | None = None
 
     def rewards(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -110,12 +111,16 @@ class Sweeps:
                 return None
             self._account("mde", answer.compute_s, began, answer.events)
             answers.append(answer)
-        return replace(
+        found = replace(
             answers[0],
             mean=np.concatenate([answer.mean for answer in answers]),
             upper=np.concatenate([answer.upper for answer in answers]),
             familiar=np.concatenate([answer.familiar for answer in answers]),
         )
+        if not found.familiar.any() and model not in self._unfamiliar:
+            self._unfamiliar.add(model)
+            self.events.append(replace(unfamiliar_event(found, f"mde/{model}"), time=self._now()))
+        return found
 
     def _ask(self, worker: str, question: Callable[[], Answer], began: float) -> Answer | None:
         try:

@@ -1,5 +1,7 @@
 """Sweeps of cheap models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planning_fakes import FakeEstimator, FakeModel, small_problem
@@ -83,3 +85,21 @@ def test_estimates_of_parts_are_put_together():
     np.testing.assert_allclose(found.mean, np.abs(ACTIONS[:, 0]))
     np.testing.assert_allclose(found.upper, found.mean + 0.1)
     assert estimator.calls == 3
+
+
+def test_a_state_that_an_mde_does_not_know_is_told_once():
+    stranger = FakeEstimator(familiar=False)
+    found = sweeps(FakeModel(name="heuristic"), estimators=(stranger,))
+    for _ in range(2):
+        found.estimates("heuristic", ACTIONS)
+    assert [(event.kind, event.worker) for event in found.events] == [("unfamiliar", "mde/heuristic")]
+
+
+def test_an_action_far_out_makes_no_state_unfamiliar():
+    class NearOnly(FakeEstimator):
+        def deviations(self, state, actions):
+            return replace(super().deviations(state, actions), familiar=actions[:, 0] < 0.049)
+
+    found = sweeps(FakeModel(name="heuristic"), estimators=(NearOnly(),))
+    found.estimates("heuristic", ACTIONS)
+    assert found.events == []

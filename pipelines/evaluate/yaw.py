@@ -20,7 +20,7 @@ from common.tasks import TASKS
 from pipelines.cases import CaseRecipe, make_cases
 
 SEED = 80_001
-"""Seed of the targets; they are not held out: an earlier `quality` was run on the first ten before it was made faster."""
+"""Seed of the targets; not held out: an earlier `quality` was run on the first ten before it was made faster."""
 
 
 def recipes(count: int) -> tuple[CaseRecipe, ...]:

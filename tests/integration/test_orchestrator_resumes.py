@@ -38,6 +38,12 @@ STATE = make_state(3)
 TARGET = CountedSimulator.predicted(STATE, np.array([[0.0123, -0.0057]]))[0]
 CASE = Case("resume", 3, STATE, TARGET, (0.0123, -0.0057), True)
 WORKERS = {"heuristic/h", "simulator/a", "simulator/b", "orchestrator/o"}
+INTERRUPTIBLE = """
+import signal
+from services.cli.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+main()
+"""
 Action = tuple[float, ...]
 
 
@@ -203,7 +209,7 @@ def test_without_following_its_progress_a_client_waits_for_the_restart_too(syste
 def test_an_interrupted_command_goes_on_when_it_is_given_again(system: System, tmp_path: Path):
     path = tmp_path / "case.npz"
     write_case(path, CASE)
-    command = [sys.executable, "-m", "services.cli.main", "optimize", str(path), "--seed", "2", "--json"]
+    command = [sys.executable, "-c", INTERRUPTIBLE, "optimize", str(path), "--seed", "2", "--json"]
     command += ["--strategy", "quality", "--out", str(tmp_path / "out")]
     first = subprocess.Popen(command, cwd=ROOT, env=system.environment, stdout=subprocess.DEVNULL)
     system.wait_for(lambda: len(system.kept()) >= 2)

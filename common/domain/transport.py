@@ -5,21 +5,38 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from common.domain.deviation import deviation
-from common.domain.grid import Floats
+Window = tuple[slice, slice]
+"""Rows and columns of a heightmap."""
 
 
 class Transport(ABC):
-    """A model of nearby actions, made from one action and its outcome; at that action it gives that outcome back."""
+    """A model of nearby actions, made from one action and its outcome; at that action it gives that outcome back.
+
+    Attributes:
+        outcome: The outcome ``(H, W)`` [m].
+    """
+
+    outcome: NDArray[np.float32]
 
     @abstractmethod
+    def window(self, actions: NDArray[np.float64]) -> Window:
+        """Return where the outcomes of actions ``(B, n)`` may differ from the known one."""
+
+    @abstractmethod
+    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+        """Return the heights ``(B, h, w)`` [m] that actions ``(B, n)`` lead to in a window that contains theirs."""
+
+    @abstractmethod
+    def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far from its place here each action ``(B, n)`` puts what is moved ``(B,)`` [m]."""
+
+    @abstractmethod
+    def aligned(self) -> NDArray[np.float32]:
+        """Return the heights of what was moved, in its own frame ``(p,)`` [m]: the same points for every outcome."""
+
     def outcomes(self, actions: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return the heightmaps ``(B, H, W)`` [m] that actions ``(B, n)`` would lead to."""
-
-    @abstractmethod
-    def errors(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far off the reward of each action ``(B, n)`` may be, one standard deviation ``(B,)`` [m]."""
-
-    def rewards(self, actions: NDArray[np.float64], target: Floats) -> NDArray[np.float64]:
-        """Return ``-d(P(a), s_g)`` [m] of actions ``(B, n)`` for a target ``(H, W)``, shape ``(B,)``."""
-        return -deviation(self.outcomes(actions), target)
+        window = self.window(actions)
+        moved = np.repeat(self.outcome[None], len(actions), axis=0)
+        moved[:, window[0], window[1]] = self.patches(actions, window)
+        return moved

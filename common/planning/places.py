@@ -17,11 +17,32 @@ COARSE, FINE = 40, 10
 """Steps of the sweep and of the search around its best places, in finest distances."""
 COARSER = (40, 20)
 """Above two parameters the sweep leaves larger gaps: steps of the searches before that, in finest distances."""
+CLOSER = (20, 10)
+"""Steps of the searches of dearer models around their best place, in finest distances."""
 SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
 DOZEN = 12
 MOST_PLACES = 64
+
+
+@dataclass(frozen=True)
+class Swept:
+    """Everything that the sweeps found out.
+
+    Attributes:
+        model: The cheapest model that answered; empty if none did, and then its rewards are 0.
+        actions: What it was asked about ``(G, n)``.
+        rewards: Its rewards ``(G,)`` [m].
+        known: What the dearest one was asked about besides ``(K, n)``.
+        differences: Its rewards there minus the cheapest model's ``(K,)`` [m].
+    """
+
+    model: str
+    actions: Float64s
+    rewards: Float64s
+    known: Float64s
+    differences: Float64s
 
 
 @dataclass(frozen=True)
@@ -34,6 +55,7 @@ class Places:
         widths: Relative uncertainty by the MDE, 1 on average ``(P,)``.
         estimates: What the MDE says; None without one.
         model: The model; empty if none answered, and then all rewards are 0.
+        swept: What lies behind them.
     """
 
     actions: Float64s
@@ -41,6 +63,7 @@ class Places:
     widths: Float64s
     estimates: Estimates | None
     model: str
+    swept: Swept
 
 
 def finest(setting: Setting) -> Float64s:
@@ -57,7 +80,8 @@ def find_places(setting: Setting, *, models: int) -> Places:
         models: How many of the cheap models to ask.
     """
     unit, space = finest(setting), Space.of(setting.problem)
-    known, model = _sweep(setting, unit, space)
+    swept, model = _sweep(setting, unit, space)
+    known, cheapest = swept, model
     for name in setting.cheap[1:models] if model else setting.cheap[1:]:
         better = _look_closer(setting, name, known, unit, space)
         if better is not None:
@@ -65,7 +89,20 @@ def find_places(setting: Setting, *, models: int) -> Places:
     chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit, space)
     actions = known[0][chosen]
     found = setting.survey.estimates(model, actions) if model else None
-    return Places(actions, known[1][chosen], _relative(found, len(actions)), found, model)
+    background = _background(setting, cheapest, swept, known if model != cheapest else None)
+    return Places(actions, known[1][chosen], _relative(found, len(actions)), found, model, background)
+
+
+def _background(
+    setting: Setting, cheapest: str, swept: tuple[Float64s, Float64s], known: tuple[Float64s, Float64s] | None
+) -> Swept:
+    _, first = np.unique(swept[0], axis=0, return_index=True)
+    actions, rewards = swept[0][np.sort(first)], swept[1][np.sort(first)]
+    if known is not None:
+        cheap = setting.survey.rewards(cheapest, known[0]) if cheapest else np.zeros(len(known[0]))
+        if cheap is not None:
+            return Swept(cheapest, actions, rewards, known[0], known[1] - cheap)
+    return Swept(cheapest, actions, rewards, np.zeros((0, actions.shape[1])), np.zeros(0))
 
 
 def best_apart(actions: Float64s, rewards: Float64s, count: int, distance: Float64s, space: Space) -> NDArray[np.intp]:
@@ -118,7 +155,7 @@ def _look_closer(
     rewards = setting.survey.rewards(model, actions)
     if rewards is None:
         return None
-    for step in (2 * FINE, FINE):
+    for step in CLOSER:
         near = around(actions[[int(rewards.argmax())]], step * unit, side=3, space=space)
         near = near[(np.abs(space.gaps(near[:, None], actions) / unit).max(axis=2) > 1 / 4).all(axis=1)]
         more = setting.survey.rewards(model, near) if len(near) else None

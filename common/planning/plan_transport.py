@@ -5,39 +5,40 @@ from numpy.typing import NDArray
 
 from common.domain.certificate import Certificate
 from common.domain.errors import RequestError
-from common.domain.transport import Transport
+from common.planning.blend import Blend
 from common.planning.certificate import certified_grid, certify, correction, slack
-from common.planning.discrepancy import discrepancy
+from common.planning.discrepancy import NOISE, WIDTH, discrepancy
 from common.planning.gp import Float64s
 from common.planning.places import SPREAD, around, best_apart, find_places, finest
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.space import Space, embed
 
-GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))
+GRIDS = ((8.0, 5), (3.2, 5), (1.0, 5))
 """Nested grids around the best: step in finest distances, points a side."""
-CURIOSITY = 1.0
+CURIOSITY = 0.5
 """Weight of the uncertainty, except in the last call."""
-NEAREST = 3
-"""Simulations that are fused, besides the best one."""
+NEAR = 8e-3
+"""Beyond this distance from all simulations nothing is blended [m]."""
+CHEAP_NOISE = 8e-5
+"""How far off the rewards of the dearest cheap model are by themselves, one standard deviation [m]."""
 GAIN = 1e-5
 PATIENCE = 9
 """The plan ends after this many calls without a gain of `GAIN` [m]."""
 ENOUGH = 5e-5
 """The plan ends when the certificate allows no larger gain [m]."""
-FAR_PLACES = 12
-PEAKS = 3
+PEAKS = 2
 """Simulated actions, apart from each other, whose neighbourhoods are searched."""
-ELSEWHERE = (3, 6)
-"""After so many calls without a gain the next one goes to a place that no simulation is near."""
+PENDING = 12.0
+"""Distance from a pending action at which it matters little, in finest distances."""
 
 
 class TransportPlan(Plan):
     """Simulate where the cheap models point, then where the transported simulations do.
 
-    Near simulated actions a reward is estimated by transporting the outcomes of the three nearest simulations and of
-    the best one, weighted by ``1 / s^2``; at the places of the cheap models that no simulation is near, by the dearest
-    of these models and a Gaussian process of what it got wrong so far. The next action has the highest ``mean + s``, in
-    the last call the highest mean.
+    Near simulated actions a reward is estimated by a `Blend` of the transported outcomes; everywhere by the cheapest
+    model and a Gaussian process of what it gets wrong, as the dearest cheap model and the simulations show. Where both
+    apply they are fused, weighted by ``1 / s^2``. The next action has the highest ``mean + s / 2``, in the last call
+    the highest mean.
 
     Args:
         setting: The optimisation.
@@ -54,10 +55,12 @@ class TransportPlan(Plan):
         self._unit = finest(setting)
         self._space = Space.of(setting.problem)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
+        self._blend = Blend(setting.problem.target)
         self._asked: list[Float64s] = []
-        self._told: dict[int, tuple[Transport, float]] = {}
-        self._uncompared: list[tuple[int, NDArray[np.float32]]] = []
+        self._rewards: dict[int, float] = {}
         self._errors: dict[int, float] = {}
+        self._uncompared: list[tuple[int, NDArray[np.float32]]] = []
+        self._compared: list[Float64s] = []
         self._deviations: list[tuple[float, float]] = []
         self._idle = 0
 
@@ -68,11 +71,11 @@ class TransportPlan(Plan):
         if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
             return None
         self._compare()
-        if self._told and (certificate := self._certificate()) is not None and certificate.gain <= self._enough:
+        if self._rewards and (certificate := self._certificate()) is not None and certificate.gain <= self._enough:
             return None
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else CURIOSITY
-        candidates = [self._best_place(curiosity)]
-        if self._told and not (curiosity and self._idle in ELSEWHERE and np.isfinite(candidates[0][0])):
+        candidates = [self._best_anywhere(curiosity)]
+        if self._rewards:
             candidates += self._best_near(curiosity)
         action = max(candidates, key=lambda found: found[0])[1]
         self._asked.append(action)
@@ -90,13 +93,16 @@ class TransportPlan(Plan):
         transport = problem.task.transport(problem.state, action, outcome.heights)
         if transport is None:
             raise RequestError(f"strategy transport: expected a task with a transport, got {problem.task.name}")
+        if len(self._blend) and self._blend.nearest(action[None])[0] < NEAR:
+            self._blend.compare(action, outcome.reward)
+        self._blend.add(action, transport)
         self._idle = 0 if outcome.reward > self._best_reward + GAIN else self._idle + 1
-        self._told[index] = transport, outcome.reward
+        self._rewards[index] = outcome.reward
         self._uncompared.append((index, outcome.heights))
 
     def certificate(self) -> Certificate | None:
         """Return how much better another action may be; None before the first outcome or without an MDE's bound."""
-        if not self._told or self._places.estimates is None:
+        if not self._rewards or self._places.estimates is None:
             return None
         self._compare()
         return self._certificate()
@@ -117,47 +123,40 @@ class TransportPlan(Plan):
 
     def grid(self) -> Float64s:
         """Return the actions that the certificate is about ``(G, n)``."""
-        best = max(self._told, key=lambda index: self._told[index][1])
+        best = max(self._rewards, key=self._rewards.__getitem__)
         return certified_grid(self._places, self._asked[best], self._unit, self._space)
 
     def _certificate(self) -> Certificate | None:
         found = self.slack()
         if found is None:
             return None
-        return certify(self._places.model, *found, calls=len(self._told), actions=len(self.grid()))
+        return certify(self._places.model, *found, calls=len(self._rewards), actions=len(self.grid()))
 
     @property
     def _best_reward(self) -> float:
-        return max((reward for _, reward in self._told.values()), default=-np.inf)
+        return max(self._rewards.values(), default=-np.inf)
 
-    def _best_place(self, curiosity: float) -> tuple[float, Float64s]:
-        """Return the best of the cheap models' places, and its score."""
-        places = self._places
-        mean, deviation = self._corrected()
-        if self._told:
-            asked = np.stack(self._asked)
-            gaps = (
-                ((self._space.gaps(places.actions[:, None], asked) / (SPREAD * self._unit)) ** 2)
-                .sum(axis=2)
-                .min(axis=1)
+    def _best_anywhere(self, curiosity: float) -> tuple[float, Float64s]:
+        """Return the best of the swept actions, and its score; of the places as long as nothing was simulated."""
+        if not self._rewards:
+            actions, widths = self._places.actions, WIDTH * self._places.widths
+            scores = self._scores(actions, self._places.rewards, widths, 0.0)
+            return float(scores.max()), actions[int(scores.argmax())]
+        swept = self._places.swept
+        found, deviation = self._discrepancy(swept.actions)
+        mean = swept.rewards + found
+        near = np.flatnonzero(self._blend.nearest(swept.actions) < NEAR)
+        if len(near):
+            mean[near], deviation[near] = _fused(
+                (mean[near], deviation[near]), self._blend.predict(swept.actions[near])
             )
-            new = np.flatnonzero(gaps >= 1)
-            if not len(new):
-                return -np.inf, places.actions[0]
-            bound = (mean + curiosity * deviation)[new]
-            apart = new[best_apart(places.actions[new], bound, FAR_PLACES, SPREAD / 2 * self._unit, self._space)]
-            actions = places.actions[apart]
-            mean, deviation = mean[apart], deviation[apart]
-        else:
-            actions = places.actions
-        scores = self._scores(actions, mean, deviation, curiosity)
-        return float(scores.max()), actions[int(scores.argmax())]
+        scores = self._scores(swept.actions, mean, deviation, curiosity)
+        return float(scores.max()), swept.actions[int(scores.argmax())]
 
     def _best_near(self, curiosity: float) -> list[tuple[float, Float64s]]:
         """Return the best action in nested grids around each of the best simulated ones, with its score."""
-        actions = np.stack([self._asked[index] for index in self._told])
-        rewards = np.array([reward for _, reward in self._told.values()])
-        peaks = best_apart(actions, rewards, PEAKS, SPREAD * self._unit, self._space)
+        actions = np.stack([self._asked[index] for index in self._rewards])
+        peaks = best_apart(actions, np.array([*self._rewards.values()]), PEAKS, SPREAD * self._unit, self._space)
         return [self._climb(actions[peak], curiosity) for peak in peaks]
 
     def _climb(self, centre: Float64s, curiosity: float) -> tuple[float, Float64s]:
@@ -165,68 +164,71 @@ class TransportPlan(Plan):
         score = -np.inf
         for step, side in GRIDS:
             actions = around(centre[None], step * self._unit, side=side, space=self._space)
-            scores = self._scores(actions, *self._fuse(actions), curiosity)
+            scores = self._scores(actions, *self._blend.predict(actions), curiosity)
             if scores.max() > score or not np.isfinite(score):
                 score, centre = float(scores.max()), actions[int(scores.argmax())]
         return score, centre
-
-    def _fuse(self, actions: Float64s) -> tuple[Float64s, Float64s]:
-        """Return mean and standard deviation of the rewards of actions ``(B, n)``."""
-        weighted, weights = np.zeros(len(actions)), np.zeros(len(actions))
-        for index in self._around(self._space.middle(actions)):
-            transport = self._told[index][0]
-            weight = 1 / transport.errors(actions) ** 2
-            weighted += weight * transport.rewards(actions, self._setting.problem.target)
-            weights += weight
-        return weighted / weights, 1 / np.sqrt(weights)
-
-    def _around(self, middle: Float64s) -> set[int]:
-        """Return the simulations that are nearest to an action, and the best one."""
-        distance = {i: float(((self._space.gaps(self._asked[i], middle) / self._unit) ** 2).sum()) for i in self._told}
-        near = sorted(self._told, key=distance.__getitem__)
-        return {*near[:NEAREST], max(self._told, key=lambda index: self._told[index][1])}
 
     def _scores(self, actions: Float64s, mean: Float64s, deviation: Float64s, curiosity: float) -> Float64s:
         """Return ``mean + curiosity deviation``, lowered near pending actions and impossible at asked ones."""
         scores = mean + curiosity * deviation
         for index, asked in enumerate(self._asked):
             distance = np.sqrt(((self._space.gaps(actions, asked) / self._unit) ** 2).sum(axis=1))
-            if index not in self._told:
-                scores = scores - deviation * np.exp(-distance / FAR_PLACES)
+            if index not in self._rewards:
+                scores = scores - deviation * np.exp(-distance / PENDING)
             scores = np.where(distance < 0.4, -np.inf, scores)
         return scores
 
     def _compare(self) -> None:
-        """Ask the cheap model and its MDE about what was simulated since; without a model its rewards are 0."""
+        """Ask the cheap models about what was simulated since; without a model its rewards are 0."""
         if not self._uncompared:
             return
-        indices = [index for index, _ in self._uncompared]
-        actions = np.stack([self._asked[index] for index in indices])
+        new, self._uncompared = self._uncompared, []
+        actions = np.stack([self._asked[index] for index, _ in new])
+        model, survey = self._places.swept.model, self._setting.survey
+        cheap = survey.rewards(model, actions) if model else np.zeros(len(actions))
+        if cheap is not None:
+            self._errors.update({index: self._rewards[index] - own for (index, _), own in zip(new, cheap, strict=True)})
+        self._deviate(actions, np.stack([heights for _, heights in new]))
+
+    def _deviate(self, actions: Float64s, outcomes: NDArray[np.float32]) -> None:
+        """Find out how far off the MDE is, at actions that are far from those where that is known."""
+        chosen = []
+        for index, action in enumerate(actions):
+            gaps = (self._space.gaps(action, known) / (SPREAD * self._unit) for known in self._compared)
+            if all((gap**2).sum() >= 1 for gap in gaps):
+                self._compared.append(action)
+                chosen.append(index)
         model, survey = self._places.model, self._setting.survey
-        cheap = np.zeros(len(actions)), np.zeros(len(actions))
-        if model:
-            cheap = survey.compare(model, actions, np.stack([heights for _, heights in self._uncompared]))
-        self._uncompared.clear()
-        if cheap is None:
+        if not chosen or self._places.estimates is None:
             return
-        rewards = np.array([self._told[index][1] for index in indices])
-        self._errors.update(zip(indices, (rewards - cheap[0]).tolist(), strict=True))
-        found = None if self._places.estimates is None else survey.estimates(model, actions)
-        if found is not None and found.scale_m is not None:
+        found = survey.estimates(model, actions[chosen])
+        cheap = survey.compare(model, actions[chosen], outcomes[chosen])
+        if cheap is not None and found is not None and found.scale_m is not None:
             self._deviations += zip((found.scale_m * found.mean).tolist(), cheap[1].tolist(), strict=True)
 
-    def _corrected(self) -> tuple[Float64s, Float64s]:
-        """Return mean and standard deviation of the rewards at the places, corrected by what calls have shown [m]."""
-        places, scale = self._places, self._range
-        known = [index for index in self._told if index in self._errors]
-        found, deviation = discrepancy(
-            self._share(np.array([self._asked[index] for index in known]).reshape(-1, len(scale))),
-            np.array([self._errors[index] for index in known]),
-            [self._share(asked) for index, asked in enumerate(self._asked) if index not in self._errors],
-            self._share(places.actions),
+    def _discrepancy(self, actions: Float64s) -> tuple[Float64s, Float64s]:
+        """Return mean and standard deviation of what the cheapest model gets wrong at actions ``(B, n)`` [m]."""
+        swept, known = self._places.swept, list(self._errors)
+        simulated = np.array([self._asked[index] for index in known]).reshape(-1, actions.shape[1])
+        return discrepancy(
+            self._share(np.concatenate([swept.known, simulated])),
+            np.concatenate([swept.differences, [self._errors[index] for index in known]]),
+            self._pending(),
+            self._share(actions),
+            noises=np.repeat([CHEAP_NOISE, NOISE], [len(swept.known), len(known)]),
         )
-        return places.rewards + found, deviation * places.widths
+
+    def _pending(self) -> list[Float64s]:
+        return [self._share(asked) for index, asked in enumerate(self._asked) if index not in self._errors]
 
     def _share(self, actions: Float64s) -> Float64s:
         """Return actions ``(..., n)`` as shares of the range, circles laid out in the plane."""
         return embed(actions / self._range, self._space.circular)
+
+
+def _fused(one: tuple[Float64s, Float64s], other: tuple[Float64s, Float64s]) -> tuple[Float64s, Float64s]:
+    """Return mean and standard deviation of two independent estimates together."""
+    weights = 1 / one[1] ** 2, 1 / other[1] ** 2
+    total = weights[0] + weights[1]
+    return (weights[0] * one[0] + weights[1] * other[0]) / total, 1 / np.sqrt(total)

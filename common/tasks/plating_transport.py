@@ -6,13 +6,10 @@ from numpy.typing import NDArray
 
 from common.domain.grid import Floats
 from common.domain.scene import State
-from common.domain.transport import Transport
+from common.domain.transport import Transport, Window
 
 FULL_THICKNESS = 0.010
 """Where the item is this thick the surface is all its own [m]."""
-NOISE, NEAR, FAR = 2.5e-5, 4.5e-5, 0.027
-"""Standard deviation of a transported reward: at no distance, added up to `NEAR_DISTANCE` [m], per distance [-]."""
-NEAR_DISTANCE = 1e-3
 
 
 class PlatingTransport(Transport):
@@ -40,63 +37,57 @@ class PlatingTransport(Transport):
         before: Floats | None = None,
         after: Floats | None = None,
     ) -> None:
+        self.outcome = np.asarray(outcome, dtype=np.float32)
         self._cell = state.grid.cell
         self._action = np.asarray(action, dtype=np.float64)
-        self._outcome = np.asarray(outcome, dtype=np.float32)
         self._scene = state.scene.heights
         self._item = state.item.heights if after is None else np.asarray(after, dtype=np.float32)
-        self._carried = self._outcome if carried is None else np.asarray(carried, dtype=np.float32)
+        self._carried = self.outcome if carried is None else np.asarray(carried, dtype=np.float32)
         self._before = state.item.heights if before is None else np.asarray(before, dtype=np.float32)
-        rows, columns = np.nonzero(self._item + self._before)
-        self._corners = np.array([[rows.min(), columns.min()], [rows.max() + 1, columns.max() + 1]])
+        self._corners = _corners(self._item + self._before)
 
-    def outcomes(self, actions: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the heightmaps ``(B, H, W)`` [m]."""
-        window, patches = self._patches(actions)
-        moved = np.repeat(self._outcome[None], len(actions), axis=0)
-        moved[:, window[0], window[1]] = patches
-        return moved
-
-    def errors(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``sqrt(NOISE^2 + (NEAR min(d / NEAR_DISTANCE, 1))^2 + (FAR d)^2)`` for a distance d to ``a_k`` [m]."""
-        return errors_at(np.linalg.norm(actions - self._action, axis=1))
-
-    def rewards(self, actions: NDArray[np.float64], target: Floats) -> NDArray[np.float64]:
-        """Return the rewards ``(B,)`` [m]; only the cells that the item may reach are computed again."""
-        window, patches = self._patches(actions)
-        wanted = np.asarray(target, dtype=np.float32)
-        still = np.abs(self._outcome - wanted)
-        rest = float(still.sum(dtype=np.float64) - still[window].sum(dtype=np.float64))
-        patches -= wanted[window]
-        np.abs(patches, out=patches)
-        return -(rest + patches.sum(axis=(1, 2), dtype=np.float64)) / wanted.size
-
-    def _patches(self, actions: NDArray[np.float64]) -> tuple[tuple[slice, slice], NDArray[np.float32]]:
-        """Return the window that the item may reach, and the new surface in it ``(B, h, w)``."""
+    def window(self, actions: NDArray[np.float64]) -> Window:
+        """Return the cells that the item may reach."""
         places = np.vstack([actions, self._action])[:, ::-1] / self._cell
         low = np.floor(places.min(axis=0)).astype(int) + self._corners[0]
         high = np.ceil(places.max(axis=0)).astype(int) + self._corners[1] + 1
-        low, high = np.maximum(low, 0), np.minimum(high, self._outcome.shape)
-        window = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+        low, high = np.maximum(low, 0), np.minimum(high, self.outcome.shape)
+        return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+        """Return the new surface in a window ``(B, h, w)`` [m]."""
+        places, place = actions[:, ::-1] / self._cell, self._action[None, ::-1] / self._cell
         mask, before = (
             np.clip(_moved(item, at, window) / np.float32(FULL_THICKNESS), 0, 1)
-            for item, at in ((self._item, places[:-1]), (self._before, places[-1:]))
+            for item, at in ((self._item, places), (self._before, place))
         )
-        surface, scene = self._outcome[window], self._scene[window]
-        patches = _moved(self._carried, places[:-1] - places[-1], window)
+        surface, scene = self.outcome[window], self._scene[window]
+        patches = _moved(self._carried, places - place, window)
         patches -= surface
         patches *= mask
         patches += surface
         patches += np.maximum(before - mask, 0) * (scene - surface)
-        return window, patches
+        return patches
+
+    def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far from ``a_k`` the actions are ``(B,)`` [m]."""
+        return np.linalg.norm(actions - self._action, axis=1)
+
+    def aligned(self) -> NDArray[np.float32]:
+        """Return the settled surface at the item's cells ``(p,)`` [m], as if it lay at the grid's centre."""
+        rows, columns = _corners(self._item).T
+        window = slice(max(rows[0], 0), rows[1]), slice(max(columns[0], 0), columns[1])
+        moved = _moved(self._carried, -self._action[None, ::-1] / self._cell, window)[0]
+        return moved[self._item[window] > 0]
 
 
-def errors_at(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the errors of rewards that are transported over a distance ``(B,)`` [m]."""
-    return np.sqrt(NOISE**2 + (NEAR * np.minimum(distance / NEAR_DISTANCE, 1)) ** 2 + (FAR * distance) ** 2)
+def _corners(item: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Return the first row and column that the item covers, and those behind its last ``(2, 2)``."""
+    rows, columns = np.nonzero(item)
+    return np.array([[rows.min(), columns.min()], [rows.max() + 1, columns.max() + 1]])
 
 
-def _moved(image: NDArray[np.float32], cells: NDArray[np.float64], window: tuple[slice, slice]) -> NDArray[np.float32]:
+def _moved(image: NDArray[np.float32], cells: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
     """Return a window of the image shifted by rows and columns ``(B, 2)``, bilinear, 0 flowing in ``(B, h, w)``."""
     whole = np.floor(cells).astype(int)
     part = (cells - whole).astype(np.float32)[:, :, None, None]

@@ -16,11 +16,12 @@ from common.planning.certificate import (
     needed_factor,
     slack,
 )
-from common.planning.places import Places
+from common.planning.places import Places, Swept
 from common.planning.space import Space
 
 ACTIONS = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.02]])
-PLACES = Places(ACTIONS, np.array([-3e-3, -1e-3, -2e-3]), np.ones(3), None, "heuristic")
+SWEPT = Swept("heuristic", ACTIONS, np.zeros(3), ACTIONS[:0], np.zeros(0))
+PLACES = Places(ACTIONS, np.array([-3e-3, -1e-3, -2e-3]), np.ones(3), None, "heuristic", SWEPT)
 
 
 def test_a_model_that_deviates_as_expected_needs_no_correction():

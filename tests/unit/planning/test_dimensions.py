@@ -11,7 +11,7 @@ from common.domain.model import PredictiveModel
 from common.domain.parameter import Parameter
 from common.domain.scene import Item, Scene, State
 from common.domain.task import Task
-from common.domain.transport import Transport
+from common.domain.transport import Transport, Window
 from common.planning.optimize import optimize
 from common.planning.planner import Planner
 from common.planning.problem import Problem
@@ -62,20 +62,28 @@ def depth(actions: NDArray[np.float64], peak: NDArray[np.float64] = PEAK) -> NDA
 
 
 class Nearby(Transport):
-    """Knows the depth but for an error that grows with the distance."""
+    """Knows the depth but for a ripple, whose height at the known action it takes to be the same everywhere."""
 
     def __init__(self, dimensions: int, action: NDArray[np.float64]) -> None:
-        self._action = action[None] / RANGES[:dimensions]
+        self._action = action / RANGES[:dimensions]
+        self.outcome = heightmaps(depth(action[None]))[0]
 
-    def _away(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        return distance(actions, self._action[0])
+    def window(self, actions: NDArray[np.float64]) -> Window:
+        return slice(0, 2), slice(0, 2)
 
-    def outcomes(self, actions: NDArray[np.float64]) -> NDArray[np.float32]:
-        heights = depth(actions) + 1e-3 * self._away(actions) * np.sin(40 * actions[:, 0] / RANGES[0])
-        return np.broadcast_to(heights[:, None, None], (len(actions), 2, 2)).astype(np.float32)
+    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+        ripple = np.sin(8 * actions[:, 0] / RANGES[0]) - np.sin(8 * self._action[0])
+        return heightmaps(depth(actions) + 1e-4 * ripple)
 
-    def errors(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 1e-6 + 1e-3 * self._away(actions)
+    def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 0.16 * distance(actions, self._action)
+
+    def aligned(self) -> NDArray[np.float32]:
+        return np.full(4, -1e-4 * np.sin(8 * self._action[0]), dtype=np.float32)
+
+
+def heightmaps(heights: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.broadcast_to(heights[:, None, None], (len(heights), 2, 2)).astype(np.float32)
 
 
 class Cones(PredictiveModel):
@@ -90,8 +98,7 @@ class Cones(PredictiveModel):
         self._shift = shift
 
     def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
-        heights = depth(actions, PEAK + self._shift) + 0.05 * self._shift
-        return np.broadcast_to(heights[:, None, None], (len(actions), 2, 2)).astype(np.float32), ("",) * len(actions)
+        return heightmaps(depth(actions, PEAK + self._shift) + 0.05 * self._shift), ("",) * len(actions)
 
 
 def solve(dimensions: int, strategy: str, **options) -> float:

@@ -53,29 +53,39 @@ def test_the_surface_moves_with_the_item_as_the_formula_says():
 
 
 @pytest.mark.parametrize("count", [1, 3, len(NEAR)])
-def test_rewards_are_those_of_the_outcomes(count: int):
-    target = formula(np.array([0.0, -0.01]))
-    expected = Plating().reward(TRANSPORT.outcomes(NEAR[:count]), target)
-    np.testing.assert_allclose(TRANSPORT.rewards(NEAR[:count], target), expected, atol=1e-9)
+def test_in_a_window_it_is_the_outcome_s_part(count: int):
+    rows, columns = TRANSPORT.window(NEAR)
+    larger = slice(max(rows.start - 2, 0), rows.stop), columns
+    expected = TRANSPORT.outcomes(NEAR[:count])[:, *larger]
+    np.testing.assert_allclose(TRANSPORT.patches(NEAR[:count], larger), expected, atol=1e-8)
 
 
 def test_an_action_does_not_depend_on_those_beside_it():
-    together = TRANSPORT.rewards(NEAR, STATE.scene.heights)
-    alone = [float(TRANSPORT.rewards(action[None], STATE.scene.heights)[0]) for action in NEAR]
-    np.testing.assert_allclose(together, alone, atol=1e-9)
+    alone = np.concatenate([TRANSPORT.outcomes(action[None]) for action in NEAR])
+    np.testing.assert_allclose(TRANSPORT.outcomes(NEAR), alone, atol=1e-8)
 
 
-def test_the_error_is_smallest_at_the_simulated_action_and_grows_with_the_distance():
+def test_the_distance_is_that_between_the_actions():
     steps = np.array([0.0, 2e-4, 1e-3, 4e-3, 2e-2])
-    errors = TRANSPORT.errors(ACTION + steps[:, None] * [0.6, 0.8])
-    assert (np.diff(errors) > 0).all()
-    assert errors[0] == pytest.approx(2.5e-5)
-    assert errors[-1] == pytest.approx(0.027 * 0.02, rel=0.01)
+    np.testing.assert_allclose(TRANSPORT.distances(ACTION + steps[:, None] * [0.6, 0.8]), steps, atol=1e-12)
+
+
+def test_outcomes_that_moved_with_the_item_are_the_same_in_its_frame():
+    whole = np.array([2, -3]) * GRID.cell
+    item = shift(STATE.item.heights, *(ACTION / GRID.cell))
+    there = shift(STATE.item.heights, *((ACTION + whole) / GRID.cell))
+    one, other = (
+        Plating().transport(STATE, action, heights) for action, heights in ((ACTION, item), (ACTION + whole, there))
+    )
+    np.testing.assert_allclose(one.aligned(), other.aligned(), atol=1e-8)
+    assert len(one.aligned()) == (STATE.item.heights > 0).sum()
+    thickness = STATE.item.heights[STATE.item.heights > 0]
+    assert np.abs(one.aligned() - thickness).mean() < 0.1 * thickness.mean()
 
 
 def test_arguments_are_not_written_into():
     before = OUTCOME.copy(), NEAR.copy()
-    TRANSPORT.rewards(NEAR, OUTCOME)
     TRANSPORT.outcomes(NEAR)
+    TRANSPORT.aligned()
     np.testing.assert_array_equal(OUTCOME, before[0])
     np.testing.assert_array_equal(NEAR, before[1])

@@ -29,10 +29,7 @@ def test_where_yaws_are_equal_it_is_the_transport_of_plating_to_the_bit(yaw: flo
     assert transport is not None
     actions = with_yaw(NEAR, yaw)
     np.testing.assert_array_equal(transport.outcomes(actions), plain.outcomes(NEAR))
-    np.testing.assert_array_equal(
-        transport.rewards(actions, STATE.scene.heights), plain.rewards(NEAR, STATE.scene.heights)
-    )
-    np.testing.assert_array_equal(transport.errors(actions), plain.errors(NEAR))
+    np.testing.assert_array_equal(transport.distances(actions), plain.distances(NEAR))
 
 
 def sums(state: State, actions: np.ndarray) -> np.ndarray:
@@ -54,29 +51,39 @@ def test_a_turned_surface_is_nearer_to_the_truth_than_one_left_lying(turn: float
     assert deviation(transport.outcomes(after)[0], truth) < 0.5 * deviation(lying, truth)
 
 
-def test_rewards_are_those_of_the_outcomes():
+def test_in_a_window_it_is_the_outcome_s_part():
     transport = TASK.transport(STATE, np.append(ACTION, 0.2), OUTCOME)
     assert transport is not None
     actions = np.concatenate([with_yaw(NEAR[:4], 0.2), with_yaw(NEAR[:4], 0.35), with_yaw(NEAR[:4], -0.1)])
-    expected = TASK.reward(transport.outcomes(actions), STATE.scene.heights)
-    np.testing.assert_allclose(transport.rewards(actions, STATE.scene.heights), expected, atol=1e-9)
+    window = transport.window(actions)
+    np.testing.assert_allclose(transport.patches(actions, window), transport.outcomes(actions)[:, *window], atol=1e-8)
 
 
-def test_errors_grow_with_the_turn_either_way_as_with_the_distance_that_the_item_s_points_go():
+def test_a_surface_that_turned_with_the_item_is_the_same_in_its_frame():
+    outcome = sums(STATE, np.array([[*ACTION, 0.7]]))[0] - STATE.scene.heights
+    transport = TASK.transport(STATE, np.append(ACTION, 0.7), outcome)
+    assert transport is not None
+    thickness = STATE.item.heights[STATE.item.heights > 0]
+    found = transport.aligned()
+    assert found.shape == thickness.shape
+    assert np.abs(found - thickness).mean() < 0.15 * thickness.mean()
+
+
+def test_the_distance_grows_with_the_turn_either_way_as_the_item_s_points_go():
     transport = TASK.transport(STATE, np.append(ACTION, 3.0), OUTCOME)
     assert transport is not None
     turns = np.array([0.0, 0.01, 0.05, 0.2, 0.6])
-    errors = transport.errors(np.column_stack([np.tile(ACTION, (5, 1)), 3.0 + turns]))
-    assert (np.diff(errors) > 0).all()
-    np.testing.assert_allclose(transport.errors(np.column_stack([np.tile(ACTION, (5, 1)), 3.0 - turns])), errors)
+    distances = transport.distances(np.column_stack([np.tile(ACTION, (5, 1)), 3.0 + turns]))
+    assert (np.diff(distances) > 0).all()
+    np.testing.assert_allclose(transport.distances(np.column_stack([np.tile(ACTION, (5, 1)), 3.0 - turns])), distances)
     rows, columns = np.nonzero(STATE.item.heights)
     gyration = np.sqrt((STATE.grid.x[columns] ** 2 + STATE.grid.y[rows] ** 2).mean())
     moved = ACTION + np.column_stack([gyration * turns, np.zeros(5)])
-    np.testing.assert_allclose(errors, Plating().transport(STATE, ACTION, OUTCOME).errors(moved), rtol=1e-9)
+    np.testing.assert_allclose(distances, Plating().transport(STATE, ACTION, OUTCOME).distances(moved), rtol=1e-9)
 
 
 def test_a_whole_turn_is_no_distance():
     transport = TASK.transport(STATE, np.append(ACTION, 3.1), OUTCOME)
     assert transport is not None
-    across = transport.errors(np.array([[*ACTION, -3.1], [*ACTION, 3.1 + 2 * np.pi - 6.2]]))
+    across = transport.distances(np.array([[*ACTION, -3.1], [*ACTION, 3.1 + 2 * np.pi - 6.2]]))
     assert across[0] == pytest.approx(across[1])

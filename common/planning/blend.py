@@ -8,6 +8,7 @@ Frazier, 2019).
 """
 
 from math import sqrt
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ INDEPENDENT = 30.0
 """Points of the surface that tell as much as all of them, which are alike where they are near each other."""
 SURFACE = 1e-3
 """Standard deviation of the surface before it was seen twice [m]; it counts as half a simulation."""
+SAME = 1e-6
+"""Distance below which two actions are one [m]."""
 MOST = 4
 """Simulations that are blended, those with the largest weights."""
 NOISE, FAR, SHARE = 1e-5, 0.02, 0.2
@@ -54,7 +57,13 @@ class Blend:
         return len(self._transports)
 
     def add(self, action: Float64s, transport: Transport) -> None:
-        """Learn the outcome of an action ``(n,)``."""
+        """Learn the outcome of an action ``(n,)``, in place of one that was known there before."""
+        if len(self):
+            distances = self._distances(action[None])[0]
+            same = int(distances.argmin())
+            if distances[same] < SAME:
+                for known in (self._transports, self._actions, self._surfaces):
+                    del known[same]
         self._transports.append(transport)
         self._actions.append(action)
         self._surfaces.append(transport.aligned())
@@ -73,8 +82,7 @@ class Blend:
         """Return mean and standard deviation of the rewards of nearby actions ``(B, n)``, both ``(B,)`` [m]."""
         distances = self._distances(actions)
         weights, variances = self._weights(distances)
-        used = np.sort(np.argsort(-np.abs(weights).max(axis=0), kind="stable")[:MOST])
-        mean = self._rewards(actions, used, weights[:, used] / weights[:, used].sum(axis=1, keepdims=True))
+        mean = self._rewards(actions, weights)
         share = SHARE * len(self._surfaces[0]) / self._target.size
         squares = NOISE**2 + (FAR * distances.min(axis=1)) ** 2 + share**2 * self._variance * (variances + self._noise)
         return mean, self._factor * np.sqrt(squares)
@@ -98,11 +106,11 @@ class Blend:
             correlations = _matern(distances / length)
             for noise in NOISES:
                 try:
-                    factor = np.linalg.cholesky(correlations + noise * np.eye(count))
+                    factor = cast(Float64s, np.linalg.cholesky(correlations + noise * np.eye(count)))
                 except np.linalg.LinAlgError:  # distances along a circle are not Euclidean
                     continue
-                inverse_factor = np.linalg.inv(factor)
-                inverse = inverse_factor.T @ inverse_factor
+                whitening = cast(Float64s, np.linalg.inv(factor))
+                inverse = whitening.T @ whitening
                 ones = inverse.sum(axis=0)
                 squares = (inverse * products).sum() - ones @ products @ ones / ones.sum()
                 variance = (squares + SURFACE**2 / 2) / (count - 1 / 2)
@@ -121,16 +129,19 @@ class Blend:
         variances = 1 - (known * correlations).sum(axis=1) + rest**2 / ones.sum()
         return known + rest[:, None] * ones / ones.sum(), np.maximum(variances, 0)
 
-    def _rewards(self, actions: Float64s, used: NDArray[np.intp], weights: Float64s) -> Float64s:
+    def _rewards(self, actions: Float64s, weights: Float64s) -> Float64s:
         """Return the rewards of the blended outcomes; beyond the item's reach they are the weightiest one's."""
-        transports = [self._transports[index] for index in used]
-        rows, columns = zip(*(transport.window(actions) for transport in transports), strict=True)
-        window = _hull(rows), _hull(columns)
+        used = np.argsort(-np.abs(weights).sum(axis=0), kind="stable")[:MOST]
+        chosen = weights[:, used]
+        chosen[:, 0] += 1 - chosen.sum(axis=1)
+        transports = [self._transports[index] for index in map(int, used)]
+        windows = [transport.window(actions) for transport in transports]
+        window = _hull([rows for rows, _ in windows]), _hull([columns for _, columns in windows])
         wanted = self._target[window]
         blended = np.zeros((len(actions), *wanted.shape), dtype=np.float32)
-        for transport, weight in zip(transports, weights.T.astype(np.float32), strict=True):
+        for transport, weight in zip(transports, chosen.T.astype(np.float32), strict=True):
             blended += weight[:, None, None] * transport.patches(actions, window)
-        still = np.abs(transports[int(np.abs(weights).sum(axis=0).argmax())].outcome - self._target)
+        still = np.abs(transports[0].outcome - self._target)
         rest = float(still.sum(dtype=np.float64) - still[window].sum(dtype=np.float64))
         blended -= wanted
         np.abs(blended, out=blended)
@@ -149,5 +160,5 @@ def _prior(length: float, noise: float) -> float:
     return -float(steps[0] ** 2 + steps[1] ** 2) / 2
 
 
-def _hull(slices: tuple[slice, ...]) -> slice:
+def _hull(slices: list[slice]) -> slice:
     return slice(min(part.start for part in slices), max(part.stop for part in slices))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import sqrt
+from typing import cast
 
 import numpy as np
 
@@ -44,8 +45,10 @@ def discrepancy(
     noise[:count] = noises
     covariances = variance * matern52(points, points, scales)[0] + np.diag(noise**2)
     towards = variance * matern52(actions, points, scales)[0]
-    weights = np.linalg.solve(covariances[:count, :count], np.stack([differences, np.ones(count)], axis=1))
+    wanted = np.stack([differences, np.ones(count)], axis=1)
+    weights = cast(Float64s, np.linalg.solve(covariances[:count, :count], wanted))
     mean = weights[:, 0].sum() / weights[:, 1].sum()
     found = mean + towards[:, :count] @ (weights[:, 0] - mean * weights[:, 1])
-    explained = (np.linalg.solve(covariances, towards.T) * towards.T).sum(axis=0)
+    solved = cast(Float64s, np.linalg.solve(covariances, towards.T))
+    explained = (solved * towards.T).sum(axis=0)
     return found, np.sqrt(np.maximum(variance - explained, 0))

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.deviation import Estimates
+from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
 from common.planning.plan import Setting
-from common.planning.space import Space
+from common.planning.space import Space, embed
 from common.planning.ucb import design
 
 FINEST_SHARE = 1 / 640
@@ -17,12 +18,15 @@ COARSE, FINE = 40, 10
 """Steps of the sweep and of the search around its best places, in finest distances."""
 COARSER = (40, 20)
 """Above two parameters the sweep leaves larger gaps: steps of the searches before that, in finest distances."""
-CLOSER = (20, 10)
-"""Steps of the searches of dearer models around their best place, in finest distances."""
+SEARCHED = 4
+"""Best places of the sweep around which it is refined."""
+FIRST, ROUNDS, PICKED = 8, 4, 3
+"""Of how many places a dearer model is asked first, how often again where that points, and of how many each time."""
+HASTY = 6, 2, 2
+"""The same where time is short."""
 SIDE_MOST = 41
 SPREAD = 3 * COARSE // 4
 """Least distance between two of the best places, in finest distances."""
-DOZEN = 12
 MOST_PLACES = 64
 
 
@@ -72,18 +76,19 @@ def finest(setting: Setting) -> Float64s:
     return np.ptp(problem.task.bounds(problem.state), axis=1) * FINEST_SHARE
 
 
-def find_places(setting: Setting, *, models: int) -> Places:
-    """Sweep the cheapest model over the bounds, and the next ones over its dozen best places and around the best.
+def find_places(setting: Setting, *, models: int, hasty: bool = False) -> Places:
+    """Sweep the cheapest model over the bounds, and ask the next ones about some of its best places.
 
     Args:
         setting: The optimisation.
         models: How many of the cheap models to ask.
+        hasty: Whether the dearer ones are asked less often.
     """
     unit, space = finest(setting), Space.of(setting.problem)
     swept, model = _sweep(setting, unit, space)
     known, cheapest = swept, model
     for name in setting.cheap[1:models] if model else setting.cheap[1:]:
-        better = _look_closer(setting, name, known, unit, space)
+        better = _look_closer(setting, name, known, unit, space, HASTY if hasty else (FIRST, ROUNDS, PICKED))
         if better is not None:
             known, model = better, name
     chosen = best_apart(*known, MOST_PLACES if model else len(known[0]), FINE / 2 * unit, space)
@@ -137,7 +142,7 @@ def _sweep(setting: Setting, unit: Float64s, space: Space) -> tuple[tuple[Float6
             continue
         searches = [*((step, 3) for step in COARSER if len(limits) > 2), (FINE, 5)]
         for step, points in searches:
-            best = best_apart(actions, rewards, DOZEN // 2, SPREAD * unit, space)
+            best = best_apart(actions, rewards, SEARCHED, SPREAD * unit, space)
             near = around(actions[best], step * unit, side=points, space=space)
             finer = setting.survey.rewards(model, near)
             if finer is not None:
@@ -148,20 +153,32 @@ def _sweep(setting: Setting, unit: Float64s, space: Space) -> tuple[tuple[Float6
 
 
 def _look_closer(
-    setting: Setting, model: str, known: tuple[Float64s, Float64s], unit: Float64s, space: Space
+    setting: Setting,
+    model: str,
+    known: tuple[Float64s, Float64s],
+    unit: Float64s,
+    space: Space,
+    effort: tuple[int, int, int],
 ) -> tuple[Float64s, Float64s] | None:
-    """Return what a dearer model says about the dozen best places and around the best of them."""
-    actions = known[0][best_apart(*known, DOZEN, SPREAD / 2 * unit, space)]
-    rewards = setting.survey.rewards(model, actions)
+    """Return what a dearer model says about some of the best places, and where that points."""
+    first, rounds, picked_most = effort
+    spans = np.ptp(space.limits, axis=1)
+    shares = embed(known[0] / spans, space.circular)
+    chosen = best_apart(*known, first, SPREAD / 2 * unit, space)
+    rewards = setting.survey.rewards(model, known[0][chosen])
     if rewards is None:
         return None
-    for step in CLOSER:
-        near = around(actions[[int(rewards.argmax())]], step * unit, side=3, space=space)
-        near = near[(np.abs(space.gaps(near[:, None], actions) / unit).max(axis=2) > 1 / 4).all(axis=1)]
-        more = setting.survey.rewards(model, near) if len(near) else None
-        if more is not None:
-            actions, rewards = np.concatenate([actions, near]), np.concatenate([rewards, more])
-    return actions, rewards
+    for _ in range(rounds):
+        found, deviation = discrepancy(shares[chosen], rewards - known[1][chosen], [], shares)
+        bounds = known[1] + found + deviation
+        bounds[chosen] = -np.inf
+        picked = best_apart(known[0], bounds, picked_most, FINE * unit, space)
+        picked = picked[np.isfinite(bounds[picked])]
+        more = setting.survey.rewards(model, known[0][picked]) if len(picked) else None
+        if more is None:
+            break
+        chosen, rewards = np.concatenate([chosen, picked]), np.concatenate([rewards, more])
+    return known[0][chosen], rewards
 
 
 def relative_widths(setting: Setting, model: str, actions: Float64s) -> Float64s:

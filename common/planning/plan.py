@@ -34,6 +34,10 @@ class Survey(Protocol):
         """Return the rewards ``(B,)`` [m] of a model's predictions for actions ``(B, n)``; None if it failed."""
         ...
 
+    def outcomes(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float32] | None:
+        """Return a model's predictions ``(B, H, W)`` [m] for actions ``(B, n)``; None if it failed."""
+        ...
+
     def compare(
         self, model: str, actions: NDArray[np.float64], outcomes: NDArray[np.float32]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

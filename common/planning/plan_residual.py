@@ -6,11 +6,13 @@ import numpy as np
 
 from common.planning.discrepancy import discrepancy
 from common.planning.gp import Float64s
-from common.planning.places import DOZEN, around, best_apart, find_places, finest, relative_widths
+from common.planning.places import around, best_apart, find_places, finest, relative_widths
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.space import Space, embed
 
 BETA = 4.0
+DOZEN = 12
+"""Candidates about which all cheap models are asked."""
 UNKNOWN = 0.4
 """Scaled deviation of a model without an MDE."""
 GRIDS = ((8.0, 9), (3.2, 5), (1.0, 7))

@@ -1,15 +1,18 @@
 """Our plan: every simulation tells about its neighbourhood, because its settled surface moves with the item."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.certificate import Certificate
+from common.domain.deviation import deviation
 from common.domain.errors import RequestError
 from common.planning.blend import Blend
 from common.planning.certificate import certified_grid, certify, correction, slack
 from common.planning.discrepancy import NOISE, WIDTH, discrepancy
 from common.planning.gp import Float64s
-from common.planning.places import SPREAD, around, best_apart, find_places, finest
+from common.planning.places import SPREAD, Places, around, best_apart, find_places, finest
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.space import Space, embed
 
@@ -22,12 +25,16 @@ NEAR = 8e-3
 CHEAP_NOISE = 8e-5
 """How far off the rewards of the dearest cheap model are by themselves, one standard deviation [m]."""
 GAIN = 1e-5
-PATIENCE = 9
+PATIENCE = 6
 """The plan ends after this many calls without a gain of `GAIN` [m]."""
 ENOUGH = 5e-5
 """The plan ends when the certificate allows no larger gain [m]."""
 PEAKS = 2
 """Simulated actions, apart from each other, whose neighbourhoods are searched."""
+REHEARSED = 3
+"""With so many cheap models the dearest is optimised before the trusted one is called."""
+CONFIRMED, CONFIRMING = 2.5e-4, 6
+"""Deviation [m] up to which the trusted model confirms a rehearsal, and by what its number of calls is divided then."""
 PENDING = 12.0
 """Distance from a pending action at which it matters little, in finest distances."""
 
@@ -43,19 +50,20 @@ class TransportPlan(Plan):
     Args:
         setting: The optimisation.
         calls: Largest number of simulator calls.
-        models: How many of the cheap models to ask.
+        hasty: Whether the cheap models but the cheapest are asked less often.
         enough: The plan ends when the certificate allows no larger gain [m].
     """
 
-    def __init__(self, setting: Setting, *, calls: int, models: int, enough: float = ENOUGH) -> None:
+    def __init__(self, setting: Setting, *, calls: int, hasty: bool = False, enough: float = ENOUGH) -> None:
         self._setting = setting
         self._calls = min(calls, setting.evaluations)
-        self._models = models
+        self._hasty = hasty
         self._enough = enough
         self._unit = finest(setting)
         self._space = Space.of(setting.problem)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._blend = Blend(setting.problem.target)
+        self._expected: NDArray[np.float32] | None = None
         self._asked: list[Float64s] = []
         self._rewards: dict[int, float] = {}
         self._errors: dict[int, float] = {}
@@ -67,7 +75,7 @@ class TransportPlan(Plan):
     def ask(self) -> Float64s | None:
         """Return the next action ``(n,)``; None if the budget is spent or no call has gained anything lately."""
         if not self._asked:
-            self._places = find_places(self._setting, models=self._models)
+            self._places = self._begin()
         if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
             return None
         self._compare()
@@ -95,6 +103,8 @@ class TransportPlan(Plan):
             raise RequestError(f"strategy transport: expected a task with a transport, got {problem.task.name}")
         if len(self._blend) and self._blend.nearest(action[None])[0] < NEAR:
             self._blend.compare(action, outcome.reward)
+        if index == 0 and self._expected is not None and deviation(outcome.heights, self._expected) <= CONFIRMED:
+            self._calls = max(self._calls // CONFIRMING, 1)
         self._blend.add(action, transport)
         self._idle = 0 if outcome.reward > self._best_reward + GAIN else self._idle + 1
         self._rewards[index] = outcome.reward
@@ -125,6 +135,38 @@ class TransportPlan(Plan):
         """Return the actions that the certificate is about ``(G, n)``."""
         best = max(self._rewards, key=self._rewards.__getitem__)
         return certified_grid(self._places, self._asked[best], self._unit, self._space)
+
+    def _begin(self) -> Places:
+        """Return where to begin: what the sweeps found, or where the dearest cheap model would end.
+
+        With three cheap models or more, the dearest is optimised as if it were the trusted one. Its outcomes stay in
+        the blend, and where the trusted model's first call confirms it, few more are made.
+        """
+        setting = self._setting
+        if len(setting.cheap) < REHEARSED:
+            return find_places(setting, models=len(setting.cheap), hasty=self._hasty)
+        *cheaper, level = setting.cheap
+        names = *cheaper[: REHEARSED - 1], level
+        inner = TransportPlan(
+            replace(setting, models=names, trusted=level, evaluations=self._calls), calls=self._calls, hasty=self._hasty
+        )
+        while (action := inner.ask()) is not None:
+            found = setting.survey.outcomes(level, action[None])
+            if found is None:
+                return find_places(setting, models=REHEARSED - 1, hasty=self._hasty)
+            reward = float(setting.problem.task.reward(found[0], setting.problem.target))
+            if reward > inner._best_reward:
+                self._expected = found[0]
+            inner.tell(len(inner._asked) - 1, Outcome(level, reward, found[0]))
+        self._blend = inner._blend
+        swept, errors = inner._places.swept, inner._errors
+        actions, rewards = np.stack(inner._asked), np.array([*inner._rewards.values()])
+        swept = replace(
+            swept,
+            known=np.concatenate([swept.known, actions[list(errors)]]),
+            differences=np.concatenate([swept.differences, [*errors.values()]]),
+        )
+        return Places(actions, rewards, np.ones(len(actions)), None, level, swept)
 
     def _certificate(self) -> Certificate | None:
         found = self.slack()
@@ -193,7 +235,7 @@ class TransportPlan(Plan):
 
     def _deviate(self, actions: Float64s, outcomes: NDArray[np.float32]) -> None:
         """Find out how far off the MDE is, at actions that are far from those where that is known."""
-        chosen = []
+        chosen: list[int] = []
         for index, action in enumerate(actions):
             gaps = (self._space.gaps(action, known) / (SPREAD * self._unit) for known in self._compared)
             if all((gap**2).sum() >= 1 for gap in gaps):

@@ -20,7 +20,7 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "transport": partial(TransportStrategy, name="transport"),
     "quality": partial(TransportStrategy, calls=12, name="quality"),
     "balanced": partial(TransportStrategy, calls=6, name="balanced"),
-    "fast": partial(TransportStrategy, calls=3, name="fast"),
+    "fast": partial(TransportStrategy, calls=2, name="fast"),
     "residual": partial(ResidualStrategy, name="residual"),
     "random": RandomStrategy,
 }

@@ -8,7 +8,7 @@ from common.planning.strategy import Query, Strategy
 
 CALLS = 12
 QUICK = 3
-"""With so few calls only the cheapest model is asked: a dearer one would cost more than it brings."""
+"""With so few calls the dearer cheap models are asked less often: they would cost more than they bring."""
 
 
 class TransportStrategy(Strategy):
@@ -33,7 +33,7 @@ class TransportStrategy(Strategy):
 
     def plan(self, setting: Setting) -> Plan:
         """Return the course of an optimisation."""
-        return TransportPlan(setting, calls=self._calls, models=1 if self._calls <= QUICK else len(setting.models))
+        return TransportPlan(setting, calls=self._calls, hasty=self._calls <= QUICK)
 
     def budget(self, evaluations: int) -> int:
         """Return the number of calls."""

@@ -63,6 +63,12 @@ class Sweeps:
         """Return the rewards ``(B,)`` [m] of a model's predictions for actions ``(B, n)``; None if it failed."""
         return self._predict(model, actions, lambda part, heights: None)
 
+    def outcomes(self, model: str, actions: NDArray[np.float64]) -> NDArray[np.float32] | None:
+        """Return a model's predictions ``(B, H, W)`` [m] for actions ``(B, n)``; None if it failed."""
+        found: list[NDArray[np.float32]] = []
+        rewards = self._predict(model, actions, lambda part, heights: found.append(heights.copy()))
+        return None if rewards is None else np.concatenate(found)
+
     def compare(
         self, model: str, actions: NDArray[np.float64], outcomes: NDArray[np.float32]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

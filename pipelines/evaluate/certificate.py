@@ -38,7 +38,7 @@ def run_certificate(case: Case, index: int, equipment: Equipment, *, calls: int)
     plan = TransportPlan(
         Setting(problem, names, TRUSTED, calls, index, sweeps),
         calls=calls,
-        models=1 if calls <= QUICK else len(names),
+        hasty=calls <= QUICK,
         enough=0.0,
     )
     actions: list[list[float]] = []

@@ -43,7 +43,7 @@ SETS = ("main", "mdes", "d_max", "calls", "botorch", "fidelities", "in-flight")
     "models",
     multiple=True,
     help="A member of the family besides the trusted one, from cheapest to dearest [heuristic, learned if released, "
-    "and with --trusted simulator_fine the coarser levels].",
+    "and with --trusted simulator_fine the default level].",
 )
 @click.option(
     "--jitter", type=click.IntRange(0, 1000), default=4, show_default=True, help="Execution errors tried on an answer."
@@ -155,7 +155,7 @@ def default_family(trusted: str) -> list[str]:
     """Return the models that are cheaper than the trusted one, from cheapest to dearest."""
     from services.cli.released import is_released
 
-    levels = LEVELS[: LEVELS.index(trusted)] if trusted != "simulator" else ()
+    levels = LEVELS[1 : LEVELS.index(trusted)]
     return ["heuristic", *(["learned"] if is_released("learned") else []), *levels]
 
 

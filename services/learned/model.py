@@ -43,15 +43,20 @@ class LearnedModel(PredictiveModel):
         network: The trained network; its grid is the only one that the model takes.
         version: Version of model and weights.
         weights: SHA-256 of the file of weights, None if they come from none.
+        bfloat16: Whether layers compute in bfloat16, as in training; None: where the processor does that itself.
     """
 
     name = "learned"
 
-    def __init__(self, network: ResidualNetwork, *, version: str, weights: str | None = None) -> None:
+    def __init__(
+        self, network: ResidualNetwork, *, version: str, weights: str | None = None, bfloat16: bool | None = None
+    ) -> None:
         self.grid = network.grid
         self.weights = weights
         self.version = version
         self._network = network.to(memory_format=torch.channels_last).eval().requires_grad_(False)  # type: ignore[call-overload]
+        able = bool(torch.cpu._is_avx512_bf16_supported())  # pyright: ignore[reportPrivateUsage]
+        self._bfloat16 = able if bfloat16 is None else bfloat16
         self._views: OrderedDict[str, Views] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -79,7 +84,8 @@ class LearnedModel(PredictiveModel):
         if state.grid != self.grid:
             raise RequestError(f"grid: expected {self.grid} as in the training data, got {state.grid}")
         views = self._seen(state)
-        with torch.inference_mode(), threads(1):
+        narrow = torch.autocast("cpu", torch.bfloat16, enabled=self._bfloat16)
+        with torch.inference_mode(), threads(1), narrow:
             predicted = np.stack([self._outcome(state, views, action) for action in actions])
         return predicted, ("",) * len(actions)
 
@@ -89,7 +95,7 @@ class LearnedModel(PredictiveModel):
         inputs, firsts = views.inputs(action[None], self.grid, size)
         mirrored = torch.cat([inputs, transform(inputs, MIRROR)]).contiguous(memory_format=torch.channels_last)
         one, other = self._network(mirrored)
-        residual = ((one + transform(other, MIRROR)) / 2).numpy()
+        residual = ((one + transform(other, MIRROR)) / 2).float().numpy()
         first = firsts[0, ::-1]  # row, column
         start, stop = np.maximum(first, 0), np.minimum(first + size, self.grid.shape)
         if (start < stop).all():

@@ -47,8 +47,8 @@ def make_state(grid: Grid = GRID) -> State:
     return State(scene, Item(heights.astype(np.float32), materials.astype(np.float32)))
 
 
-def make_model(std: float = 0.3) -> LearnedModel:
-    return LearnedModel(make_network(std), version="1")
+def make_model(std: float = 0.3, *, bfloat16: bool | None = None) -> LearnedModel:
+    return LearnedModel(make_network(std), version="1", bfloat16=bfloat16)
 
 
 def turned(state: State, symmetry: int) -> State:
@@ -67,7 +67,7 @@ def test_untrained_it_answers_the_heuristic_sum_to_the_bit():
 
 
 def test_it_answers_the_heuristic_sum_corrected_by_what_the_network_says():
-    state, model = make_state(), make_model(std=0.04)
+    state, model = make_state(), make_model(std=0.04, bfloat16=False)
     views = Views.of(
         *(
             array[None]
@@ -83,6 +83,16 @@ def test_it_answers_the_heuristic_sum_corrected_by_what_the_network_says():
     found = residuals(inputs, first, outcome, state.scene.heights[None]).numpy()
     assert outcome.min() == state.scene.heights.min()  # nothing had to be lifted on the table
     np.testing.assert_allclose(found, np.where(np.abs(expected) < 0.03, 0, expected), atol=1e-4)
+
+
+def test_in_bfloat16_its_correction_is_the_same_within_two_percent():
+    state = make_state()
+    exact, narrow, none = (
+        make_model(bfloat16=False), make_model(bfloat16=True), make_model(std=0.0, bfloat16=False),
+    )  # fmt: skip
+    outcomes, found, sums = (model.predict(state, ACTIONS).heights for model in (exact, narrow, none))
+    assert (found != outcomes).any()
+    assert np.abs(found - outcomes).mean() < 0.02 * np.abs(outcomes - sums).mean()
 
 
 def test_far_from_the_item_and_from_all_fries_the_answer_is_the_scene_itself():

@@ -25,7 +25,7 @@ GRID = Grid(32, 32, 0.006)
 ALL = [*STRATEGIES, "transport:calls=5", "residual:calls=5", "only:simulator"]
 OURS = [name for name in ALL if name.partition(":")[0] not in ("threshold", "random", "only")]
 TRUE_ACTION = np.array([0.0213, -0.0131])
-BUDGETS = {"fast": 3, "balanced": 6, "transport:calls=5": 5, "residual:calls=5": 5}
+BUDGETS = {"fast": 2, "balanced": 6, "transport:calls=5": 5, "residual:calls=5": 5}
 
 
 def a_state() -> State:
@@ -173,11 +173,11 @@ def test_ours_need_no_cheap_model(strategy: str):
 
 
 @pytest.mark.parametrize("strategy", ALL)
-def test_a_broken_simulator_is_given_up_after_three_calls(strategy: str):
+def test_a_broken_simulator_is_given_up_after_three_calls_or_what_the_budget_allows(strategy: str):
     simulator = Draping(trouble=fail_in(*range(50)))
     with pytest.raises(ModelError, match="it slipped"):
         run(strategy, [simulator], [])
-    assert simulator.calls == 3
+    assert simulator.calls == min(3, BUDGETS.get(strategy, 3))
 
 
 @pytest.mark.parametrize("strategy", OURS)

@@ -21,7 +21,7 @@ from common.planning.places import Places, around
 from common.planning.space import Space
 
 PROBABILITY = 0.9
-FACTORS: Mapping[str, float] = {"heuristic": 2.7, "learned": 1.9}
+FACTORS: Mapping[str, float] = {"heuristic": 2.7, "learned": 1.1}
 """Factor by the model whose places are searched; `frugal evaluate certificate` measures it."""
 RING_STEP, RING_SIDE = 4.0, 7
 """The grid around the answer: step in finest distances, points a side."""

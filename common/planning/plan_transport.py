@@ -103,8 +103,11 @@ class TransportPlan(Plan):
             raise RequestError(f"strategy transport: expected a task with a transport, got {problem.task.name}")
         if len(self._blend) and self._blend.nearest(action[None])[0] < NEAR:
             self._blend.compare(action, outcome.reward)
-        if index == 0 and self._expected is not None and deviation(outcome.heights, self._expected) <= CONFIRMED:
-            self._calls = max(self._calls // CONFIRMING, 1)
+        if index == 0 and self._expected is not None:
+            if deviation(outcome.heights, self._expected) <= CONFIRMED:
+                self._calls = max(self._calls // CONFIRMING, 1)
+            else:
+                self._blend = Blend(problem.target)
         self._blend.add(action, transport)
         self._idle = 0 if outcome.reward > self._best_reward + GAIN else self._idle + 1
         self._rewards[index] = outcome.reward
@@ -139,8 +142,8 @@ class TransportPlan(Plan):
     def _begin(self) -> Places:
         """Return where to begin: what the sweeps found, or where the dearest cheap model would end.
 
-        With three cheap models or more, the dearest is optimised as if it were the trusted one. Its outcomes stay in
-        the blend, and where the trusted model's first call confirms it, few more are made.
+        With three cheap models or more, the dearest is optimised as if it were the trusted one. Where the trusted
+        model's first call confirms it, few more are made, and its outcomes stay in the blend; else they are forgotten.
         """
         setting = self._setting
         if len(setting.cheap) < REHEARSED:

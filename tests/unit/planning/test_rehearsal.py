@@ -1,0 +1,70 @@
+"""A cheap model that is nearly as dear as the trusted one is optimised before it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from planning_fakes import TRUE_ACTION, FakeModel, small_state
+
+from common.domain.errors import ModelError
+from common.domain.grid import Floats
+from common.domain.model import PredictiveModel
+from common.domain.scene import State
+from common.domain.trial import Result
+from common.planning.optimize import optimize
+from common.planning.problem import Problem
+from common.tasks.plating import Plating
+from services.heuristic import HeuristicModel
+
+STATE = small_state()
+
+
+@dataclass
+class Sinking(FakeModel):
+    """The item sinks into what is below it; everything lies higher by ``bias`` [m], the item ``aside`` of its place."""
+
+    bias: float = 0.0
+    aside: float = 0.0
+
+    def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
+        heights, warnings = super().outcomes(state, actions + self.aside)
+        return heights - 0.4 * state.scene.heights * (heights > state.scene.heights) + self.bias, warnings
+
+
+def run(strategy: str, *models: PredictiveModel) -> Result:
+    target = Sinking().predict(STATE, np.array([TRUE_ACTION])).heights[0]
+    return optimize(Problem(Plating(), STATE, target), {model.name: model for model in models}, {}, strategy=strategy)
+
+
+def family(level: PredictiveModel) -> tuple[PredictiveModel, ...]:
+    return HeuristicModel(), FakeModel("learned"), level, Sinking("simulator")
+
+
+@pytest.mark.parametrize(("strategy", "most"), [("quality", 2), ("balanced", 1), ("fast", 1)])
+def test_a_level_that_agrees_leaves_the_trusted_model_few_calls(strategy: str, most: int):
+    level = Sinking("level", bias=1e-5)
+    result = run(strategy, *family(level))
+    assert 1 <= result.usage["simulator"] <= most
+    assert {trial.model for trial in result.trials} == {"simulator"}
+    assert result.usage["level"] == level.calls
+    assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
+
+
+def test_one_that_does_not_agree_leaves_them_all():
+    result = run("balanced", *family(Sinking("level", bias=1e-3, aside=4e-3)))
+    assert result.usage["simulator"] > 1
+    assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
+
+
+def test_one_that_fails_is_done_without():
+    result = run("balanced", *family(FakeModel("level", error=ModelError("bad"))))
+    assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
+    assert any("bad" in event.detail for event in result.events)
+
+
+def test_with_two_cheap_models_the_trusted_one_is_called_at_once():
+    heuristic, learned, _, simulator = family(FakeModel("level"))
+    result = run("balanced", heuristic, learned, simulator)
+    assert result.usage["learned"] <= 30
+    assert result.certificate is None

@@ -79,6 +79,16 @@ class Setting:
             return self.models
         return self.models[: self.models.index(self.trusted)]
 
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Names of the cheap models that are levels of the trusted one, as `simulator` is one of `simulator_fine`."""
+        return tuple(name for name in self.cheap if family(name) == family(self.trusted))
+
+
+def family(model: str) -> str:
+    """Return what the names of all levels of one model begin with, up to the first underscore."""
+    return model.partition("_")[0]
+
 
 class Plan(ABC):
     """The course of one optimisation. The same answers to the same questions lead to the same next question."""

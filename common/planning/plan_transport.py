@@ -31,8 +31,6 @@ ENOUGH = 5e-5
 """The plan ends when the certificate allows no larger gain [m]."""
 PEAKS = 2
 """Simulated actions, apart from each other, whose neighbourhoods are searched."""
-REHEARSED = 3
-"""With so many cheap models the dearest is optimised before the trusted one is called."""
 CONFIRMED, CONFIRMING = 2.5e-4, 6
 """Deviation [m] up to which the trusted model confirms a rehearsal, and by what its number of calls is divided then."""
 PENDING = 12.0
@@ -140,23 +138,24 @@ class TransportPlan(Plan):
         return certified_grid(self._places, self._asked[best], self._unit, self._space)
 
     def _begin(self) -> Places:
-        """Return where to begin: what the sweeps found, or where the dearest cheap model would end.
+        """Return where to begin: what the sweeps found, or what another level was asked about.
 
-        With three cheap models or more, the dearest is optimised as if it were the trusted one. Where the trusted
-        model's first call confirms it, few more are made, and its outcomes stay in the blend; else they are forgotten.
+        A level of the trusted model is optimised as if it were the trusted one. Where the trusted model's first call
+        confirms it, few more are made, and its outcomes stay in the blend; else they are forgotten.
         """
         setting = self._setting
-        if len(setting.cheap) < REHEARSED:
-            return find_places(setting, models=len(setting.cheap), hasty=self._hasty)
-        *cheaper, level = setting.cheap
-        names = *cheaper[: REHEARSED - 1], level
+        others = tuple(name for name in setting.cheap if name not in setting.levels)
+        if not setting.levels:
+            return find_places(setting, models=len(others), hasty=self._hasty)
+        level = setting.levels[-1]
+        names = *others, level
         inner = TransportPlan(
             replace(setting, models=names, trusted=level, evaluations=self._calls), calls=self._calls, hasty=self._hasty
         )
         while (action := inner.ask()) is not None:
             found = setting.survey.outcomes(level, action[None])
             if found is None:
-                return find_places(setting, models=REHEARSED - 1, hasty=self._hasty)
+                return find_places(replace(setting, models=others), models=len(others), hasty=self._hasty)
             reward = float(setting.problem.task.reward(found[0], setting.problem.target))
             if reward > inner._best_reward:
                 self._expected = found[0]

@@ -29,6 +29,8 @@ SURFACE = 1e-3
 """Standard deviation of the surface before it was seen twice [m]; it counts as half a simulation."""
 SAME = 1e-6
 """Distance below which two actions are one [m]."""
+KEPT = 32
+"""Simulations that are remembered."""
 MOST = 4
 """Simulations that are blended, those with the largest weights."""
 NOISE, FAR, SHARE = 1e-5, 0.02, 0.2
@@ -57,17 +59,21 @@ class Blend:
         return len(self._transports)
 
     def add(self, action: Float64s, transport: Transport) -> None:
-        """Learn the outcome of an action ``(n,)``, in place of one that was known there before."""
+        """Learn the outcome of an action ``(n,)``, in place of one known there, or of the furthest of `KEPT`."""
         if len(self):
             distances = self._distances(action[None])[0]
-            same = int(distances.argmin())
-            if distances[same] < SAME:
-                for known in (self._transports, self._actions, self._surfaces):
-                    del known[same]
+            if distances.min() < SAME:
+                self._forget(int(distances.argmin()))
+            elif len(self) == KEPT:
+                self._forget(int(distances.argmax()))
         self._transports.append(transport)
         self._actions.append(action)
         self._surfaces.append(transport.aligned())
         self._fit()
+
+    def _forget(self, index: int) -> None:
+        for known in (self._transports, self._actions, self._surfaces):
+            del known[index]
 
     def compare(self, action: Float64s, reward: float) -> None:
         """Learn how far off the prediction for an action ``(n,)`` is, before its outcome is added."""

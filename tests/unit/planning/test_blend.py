@@ -108,3 +108,18 @@ def test_a_surface_that_changes_at_random_is_less_certain_than_one_that_stays():
     rough = blend_of(actions, 1e-3 * rng.normal(0, 1, (5, *SHAPE)), np.zeros(SHAPE))
     wanted = np.array([[1e-3, 1e-3]])
     assert rough.predict(wanted)[1][0] > 2 * same.predict(wanted)[1][0]
+
+
+def test_an_outcome_takes_the_place_of_one_that_was_known_for_the_action():
+    action = np.array([1e-3, 2e-3])
+    blend = blend_of(np.stack([action, action]), np.stack([FIELD * 1e-3, trend(1e-3)]), trend(1e-3))
+    assert len(blend) == 1
+    assert blend.predict(action[None])[0][0] == pytest.approx(0, abs=1e-9)
+
+
+def test_it_forgets_those_that_are_far_away_when_there_are_many():
+    actions = np.array([[5e-2, 0.0], *([1e-4 * index, 0.0] for index in range(40))])
+    blend = blend_of(actions, np.stack([FIELD * 1e-3, *(trend(1e-4 * index) for index in range(40))]), trend(3.9e-3))
+    assert len(blend) == module.KEPT
+    assert blend.nearest(actions[:1])[0] > 4e-2
+    assert blend.nearest(actions[-1:])[0] == 0

@@ -1,6 +1,7 @@
 """Transport: what one outcome of the trusted model says about the outcomes of nearby actions."""
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,16 @@ class Transport(ABC):
         """Return where the outcomes of actions ``(B, n)`` may differ from the known one."""
 
     @abstractmethod
-    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
-        """Return the heights ``(B, h, w)`` [m] that actions ``(B, n)`` lead to in a window that contains theirs."""
+    def patches(
+        self, actions: NDArray[np.float64], window: Window, shared: dict[Any, Any] | None = None
+    ) -> NDArray[np.float32]:
+        """Return the heights ``(B, h, w)`` [m] that actions ``(B, n)`` lead to in a window that contains theirs.
+
+        Args:
+            actions: The actions.
+            window: The window.
+            shared: Where transports of one state keep what is the same for all of them with these actions and window.
+        """
 
     @abstractmethod
     def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ Frazier, 2019).
 """
 
 from math import sqrt
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,8 +145,9 @@ class Blend:
         window = _hull([rows for rows, _ in windows]), _hull([columns for _, columns in windows])
         wanted = self._target[window]
         blended = np.zeros((len(actions), *wanted.shape), dtype=np.float32)
+        shared: dict[Any, Any] = {}
         for transport, weight in zip(transports, chosen.T.astype(np.float32), strict=True):
-            blended += weight[:, None, None] * transport.patches(actions, window)
+            blended += weight[:, None, None] * transport.patches(actions, window, shared)
         still = np.abs(transports[0].outcome - self._target)
         rest = float(still.sum(dtype=np.float64) - still[window].sum(dtype=np.float64))
         blended -= wanted

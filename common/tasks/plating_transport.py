@@ -1,5 +1,7 @@
 """How the outcome of a placement moves with the action: the settled surface goes with the item."""
 
+from typing import Any
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -54,13 +56,15 @@ class PlatingTransport(Transport):
         low, high = np.maximum(low, 0), np.minimum(high, self.outcome.shape)
         return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
 
-    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+    def patches(
+        self, actions: NDArray[np.float64], window: Window, shared: dict[Any, Any] | None = None
+    ) -> NDArray[np.float32]:
         """Return the new surface in a window ``(B, h, w)`` [m]."""
         places, place = actions[:, ::-1] / self._cell, self._action[None, ::-1] / self._cell
-        mask, before = (
-            np.clip(_moved(item, at, window) / np.float32(FULL_THICKNESS), 0, 1)
-            for item, at in ((self._item, places), (self._before, place))
-        )
+        shared = {} if shared is None else shared
+        if "mask" not in shared:
+            shared["mask"] = _mask(self._item, places, window)
+        mask, before = shared["mask"], _mask(self._before, place, window)
         surface, scene = self.outcome[window], self._scene[window]
         patches = _moved(self._carried, places - place, window)
         patches -= surface
@@ -85,6 +89,11 @@ def _corners(item: NDArray[np.float32]) -> NDArray[np.intp]:
     """Return the first row and column that the item covers, and those behind its last ``(2, 2)``."""
     rows, columns = np.nonzero(item)
     return np.array([[rows.min(), columns.min()], [rows.max() + 1, columns.max() + 1]])
+
+
+def _mask(item: NDArray[np.float32], cells: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+    """Return ``m`` of an item shifted by rows and columns ``(B, 2)``, in a window ``(B, h, w)``."""
+    return np.clip(_moved(item, cells, window) / np.float32(FULL_THICKNESS), 0, 1)
 
 
 def _moved(image: NDArray[np.float32], cells: NDArray[np.float64], window: Window) -> NDArray[np.float32]:

@@ -1,5 +1,7 @@
 """How the outcome of a placement moves with the action where the item may be turned: the surface turns with it."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,12 +48,16 @@ class PlatingYawTransport(Transport):
         high = np.clip(np.ceil(places.max(axis=0) + reach).astype(int) + 1, 0, grid.shape)
         return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
 
-    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+    def patches(
+        self, actions: NDArray[np.float64], window: Window, shared: dict[Any, Any] | None = None
+    ) -> NDArray[np.float32]:
         """Return the new surface in a window ``(B, h, w)`` [m] for actions ``(B, 3)``."""
         patches = np.empty((len(actions), *self.outcome[window].shape), dtype=np.float32)
+        shared = {} if shared is None else shared
         for yaw in np.unique(actions[:, 2]):
             same = actions[:, 2] == yaw
-            patches[same] = self._at(float(yaw)).patches(actions[same, :2], window)
+            of_yaw = shared.setdefault(float(yaw), {})
+            patches[same] = self._at(float(yaw)).patches(actions[same, :2], window, of_yaw)
         return patches
 
     def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:

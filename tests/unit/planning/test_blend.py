@@ -24,7 +24,7 @@ class Still(Transport):
     def window(self, actions: NDArray[np.float64]) -> Window:
         return slice(1, 5), slice(0, 8)
 
-    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+    def patches(self, actions: NDArray[np.float64], window: Window, shared: object = None) -> NDArray[np.float32]:
         return np.repeat(self.outcome[window][None], len(actions), axis=0)
 
     def distances(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -71,7 +71,7 @@ class Nearby(Transport):
     def window(self, actions: NDArray[np.float64]) -> Window:
         return slice(0, 2), slice(0, 2)
 
-    def patches(self, actions: NDArray[np.float64], window: Window) -> NDArray[np.float32]:
+    def patches(self, actions: NDArray[np.float64], window: Window, shared: object = None) -> NDArray[np.float32]:
         ripple = np.sin(8 * actions[:, 0] / RANGES[0]) - np.sin(8 * self._action[0])
         return heightmaps(depth(actions) + 1e-4 * ripple)
 

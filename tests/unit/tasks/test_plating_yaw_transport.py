@@ -87,3 +87,16 @@ def test_a_whole_turn_is_no_distance():
     assert transport is not None
     across = transport.distances(np.array([[*ACTION, -3.1], [*ACTION, 3.1 + 2 * np.pi - 6.2]]))
     assert across[0] == pytest.approx(across[1])
+
+
+def test_what_transports_of_one_state_share_changes_nothing():
+    one, other = (
+        TASK.transport(STATE, np.append(action, yaw), OUTCOME) for action, yaw in ((ACTION, 0.2), (NEAR[2], 0.35))
+    )
+    assert one is not None
+    assert other is not None
+    actions = np.concatenate([with_yaw(NEAR[:3], 0.2), with_yaw(NEAR[:3], 0.35)])
+    window, shared = (slice(0, OUTCOME.shape[0]), slice(0, OUTCOME.shape[1])), {}
+    for transport in (one, other):
+        together = transport.patches(actions, window, shared)
+        np.testing.assert_array_equal(together, transport.patches(actions, window))

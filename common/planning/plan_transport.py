@@ -12,7 +12,7 @@ from common.planning.blend import Blend
 from common.planning.certificate import certified_grid, certify, correction, slack
 from common.planning.discrepancy import NOISE, WIDTH, discrepancy
 from common.planning.gp import Float64s
-from common.planning.places import SPREAD, Places, around, best_apart, find_places, finest
+from common.planning.places import SPREAD, Places, around, find_places, finest
 from common.planning.plan import Outcome, Plan, Setting
 from common.planning.space import Space, embed
 
@@ -25,12 +25,10 @@ NEAR = 8e-3
 CHEAP_NOISE = 8e-5
 """How far off the rewards of the dearest cheap model are by themselves, one standard deviation [m]."""
 GAIN = 1e-5
-PATIENCE = 6
-"""The plan ends after this many calls without a gain of `GAIN` [m]."""
+REACHED, PATIENCE, PATIENCE_REACHED = -5e-4, 6, 4
+"""The plan ends after so many calls without a gain of `GAIN`, fewer where a reward above `REACHED` [m] was found."""
 ENOUGH = 5e-5
 """The plan ends when the certificate allows no larger gain [m]."""
-PEAKS = 2
-"""Simulated actions, apart from each other, whose neighbourhoods are searched."""
 CONFIRMED, CONFIRMING = 2.5e-4, 6
 """Deviation [m] up to which the trusted model confirms a rehearsal, and by what its number of calls is divided then."""
 PENDING = 12.0
@@ -74,7 +72,7 @@ class TransportPlan(Plan):
         """Return the next action ``(n,)``; None if the budget is spent or no call has gained anything lately."""
         if not self._asked:
             self._places = self._begin()
-        if len(self._asked) == self._calls or self._idle >= PATIENCE or self._best_reward >= -GAIN:
+        if len(self._asked) == self._calls or self._idle >= self._patience or self._best_reward >= -GAIN:
             return None
         self._compare()
         if self._rewards and (certificate := self._certificate()) is not None and certificate.gain <= self._enough:
@@ -82,7 +80,7 @@ class TransportPlan(Plan):
         curiosity = 0.0 if len(self._asked) == self._calls - 1 else CURIOSITY
         candidates = [self._best_anywhere(curiosity)]
         if self._rewards:
-            candidates += self._best_near(curiosity)
+            candidates.append(self._best_near(curiosity))
         action = max(candidates, key=lambda found: found[0])[1]
         self._asked.append(action)
         return action
@@ -177,6 +175,10 @@ class TransportPlan(Plan):
         return certify(self._places.model, *found, calls=len(self._rewards), actions=len(self.grid()))
 
     @property
+    def _patience(self) -> int:
+        return PATIENCE_REACHED if self._best_reward > REACHED else PATIENCE
+
+    @property
     def _best_reward(self) -> float:
         return max(self._rewards.values(), default=-np.inf)
 
@@ -197,14 +199,9 @@ class TransportPlan(Plan):
         scores = self._scores(swept.actions, mean, deviation, curiosity)
         return float(scores.max()), swept.actions[int(scores.argmax())]
 
-    def _best_near(self, curiosity: float) -> list[tuple[float, Float64s]]:
-        """Return the best action in nested grids around each of the best simulated ones, with its score."""
-        actions = np.stack([self._asked[index] for index in self._rewards])
-        peaks = best_apart(actions, np.array([*self._rewards.values()]), PEAKS, SPREAD * self._unit, self._space)
-        return [self._climb(actions[peak], curiosity) for peak in peaks]
-
-    def _climb(self, centre: Float64s, curiosity: float) -> tuple[float, Float64s]:
-        """Return the best action in nested grids around a simulated one, and its score."""
+    def _best_near(self, curiosity: float) -> tuple[float, Float64s]:
+        """Return the best action in nested grids around the best simulated one, and its score."""
+        centre = self._asked[max(self._rewards, key=self._rewards.__getitem__)]
         score = -np.inf
         for step, side in GRIDS:
             actions = around(centre[None], step * self._unit, side=side, space=self._space)

@@ -19,7 +19,7 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "threshold:upper": lambda: ThresholdStrategy(by="upper"),
     "transport": partial(TransportStrategy, name="transport"),
     "quality": partial(TransportStrategy, calls=12, name="quality"),
-    "balanced": partial(TransportStrategy, calls=6, name="balanced"),
+    "balanced": partial(TransportStrategy, calls=4, name="balanced"),
     "fast": partial(TransportStrategy, calls=2, name="fast"),
     "residual": partial(ResidualStrategy, name="residual"),
     "random": RandomStrategy,

@@ -7,7 +7,7 @@ from common.planning.plan_transport import TransportPlan
 from common.planning.strategy import Query, Strategy
 
 CALLS = 12
-QUICK = 3
+QUICK = 4
 """With so few calls the dearer cheap models are asked less often: they would cost more than they bring."""
 
 

@@ -77,7 +77,7 @@ class OptimizeRequest(Request):
         default="quality",
         min_length=1,
         max_length=100,
-        description="Which actions are evaluated, and by which model: quality, balanced and fast (at most 12, 6 and 2 "
+        description="Which actions are evaluated, and by which model: quality, balanced and fast (at most 12, 4 and 2 "
         "calls of the trusted model, led by the cheap ones), transport:calls=<number> and residual:calls=<number> (any "
         "budget), threshold (the paper's: each action by the cheapest model whose MDE knows such inputs and estimates "
         "a deviation below d_max, else by the trusted one), threshold:upper (the same by the estimate's upper bound), "

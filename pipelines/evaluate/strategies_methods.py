@@ -106,8 +106,8 @@ def reference(trusted: str) -> str:
 
 
 PRESETS = ("fast", "balanced", "quality")
-RESIDUALS = ("residual:calls=2", "residual:calls=6", "residual:calls=12")
-POLISHES = ("polish:calls=2", "polish:calls=6", "polish:calls=12")
+RESIDUALS = ("residual:calls=2", "residual:calls=4", "residual:calls=12")
+POLISHES = ("polish:calls=2", "polish:calls=4", "polish:calls=12")
 SETS: dict[str, Callable[[str], tuple[str, ...]]] = {
     "main": lambda trusted: (
         reference(trusted), *PRESETS, *RESIDUALS, *POLISHES, "threshold", "threshold:upper", "only:heuristic",
@@ -119,7 +119,7 @@ SETS: dict[str, Callable[[str], tuple[str, ...]]] = {
     ),
     "d_max": lambda trusted: ("threshold", *(f"threshold+d_max={d_max}" for d_max in (0.1, 0.2, 0.3, 0.6, 0.8))),
     "calls": lambda trusted: tuple(
-        f"{family}:calls={calls}" for family in ("transport", "residual", "polish") for calls in (3, 4, 8, 18, 25)
+        f"{family}:calls={calls}" for family in ("transport", "residual", "polish") for calls in (3, 6, 8, 18, 25)
     ),
     "botorch": lambda trusted: ("botorch:ucb", "botorch:logei"),
     "fidelities": lambda trusted: ("botorch:mfkg:calls=6",),

@@ -15,7 +15,7 @@ from pipelines.evaluate.threshold_table import stopped
 Record = Mapping[str, Any]
 Found = Mapping[int, Record]
 
-BUDGETS = (2, 3, 6, 12, 25)
+BUDGETS = (2, 3, 4, 6, 12, 25)
 """Calls at which the trusted model alone, and BoTorch's loops, are stopped for comparison."""
 STOPPABLE = ("botorch:ucb", "botorch:logei")
 """Loops that do not know their budget."""

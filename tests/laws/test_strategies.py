@@ -25,7 +25,7 @@ GRID = Grid(32, 32, 0.006)
 ALL = [*STRATEGIES, "transport:calls=5", "residual:calls=5", "only:simulator"]
 OURS = [name for name in ALL if name.partition(":")[0] not in ("threshold", "random", "only")]
 TRUE_ACTION = np.array([0.0213, -0.0131])
-BUDGETS = {"fast": 2, "balanced": 6, "transport:calls=5": 5, "residual:calls=5": 5}
+BUDGETS = {"fast": 2, "balanced": 4, "transport:calls=5": 5, "residual:calls=5": 5}
 
 
 def a_state() -> State:

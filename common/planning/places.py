@@ -20,7 +20,7 @@ COARSER = (40, 20)
 """Above two parameters the sweep leaves larger gaps: steps of the searches before that, in finest distances."""
 SEARCHED = 4
 """Best places of the sweep around which it is refined."""
-FIRST, ROUNDS, PICKED = 6, 4, 2
+FIRST, ROUNDS, PICKED = 8, 4, 3
 """Of how many places a dearer model is asked first, how often again where that points, and of how many each time."""
 HASTY = 6, 1, 2
 """The same where time is short."""

@@ -14,16 +14,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.system import start
+from benchmarks.system import bundled, start
 from common.domain.case import Case
 from common.domain.errors import TimedOutError
 from common.domain.trial import Result
 from common.planning.optimize import optimize
 from common.planning.problem import Problem
-from common.storage.cases import read_cases
 from common.tasks import TASKS
 from common.wire import client
-from services.cli.asking import SCENES
 from services.cli.optimize import make_request
 from services.heuristic import HeuristicModel
 from services.simulator.model import SimulatorModel
@@ -44,7 +42,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     parser.add_argument("--local", action="store_true", help="leave the running system out")
     options = parser.parse_args()
-    cases = read_cases(SCENES)[:RUNS]
+    cases = [*bundled().values()][:RUNS]
     simulator = SimulatorModel()
     simulator.warm()
     models = {model.name: model for model in (HeuristicModel(), simulator)}

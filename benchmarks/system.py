@@ -22,7 +22,7 @@ from common.storage.results import action_error
 from common.wire import client
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
-from services.cli.asking import SCENES
+from services.cli.asking import EXAMPLES
 from services.cli.optimize import make_request
 from services.cli.processes import Crew
 from services.cli.up import start_system, wait_until_ready
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     as_json = parser.parse_args().json
     SimulatorModel().warm()
-    cases = {case.name: case for case in read_cases(SCENES)}
+    cases = bundled()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         two = start(stack, simulators=2, log_folder=folder / "two")
@@ -49,6 +49,11 @@ def main() -> None:
             "overhead": overhead(two, next(iter(cases.values()))),
         }
     print(json.dumps(found, indent=None if as_json else 2))
+
+
+def bundled() -> dict[str, Case]:
+    """Return the bundled scenes of plating by name."""
+    return {case.name: case for case in read_cases(EXAMPLES / "scenes")}
 
 
 def start(stack: ExitStack, *, simulators: int, log_folder: Path) -> Session:

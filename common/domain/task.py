@@ -1,6 +1,8 @@
 """A task: what an action means, and how good its outcome is."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +23,12 @@ class Task(ABC):
         name: The word in the keys.
         trusted: The model that is always applicable.
         parameters: What an action consists of.
+        levels: By the name of a model the cheaper level of it that is worth optimising before it.
     """
 
     name: str
     trusted: str
+    levels: Mapping[str, str] = MappingProxyType({})
     parameters: tuple[Parameter, ...] = (X, Y)
 
     @property

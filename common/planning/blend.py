@@ -84,6 +84,10 @@ class Blend:
         """Return the distances of actions ``(B, n)`` to the nearest simulated one ``(B,)`` [m]."""
         return self._distances(actions).min(axis=1)
 
+    def owners(self, actions: Float64s) -> NDArray[np.intp]:
+        """Return which simulation is nearest to each action ``(B,)``."""
+        return self._distances(actions).argmin(axis=1)
+
     def predict(self, actions: Float64s) -> tuple[Float64s, Float64s]:
         """Return mean and standard deviation of the rewards of nearby actions ``(B, n)``, both ``(B,)`` [m]."""
         distances = self._distances(actions)

@@ -80,14 +80,10 @@ class Setting:
         return self.models[: self.models.index(self.trusted)]
 
     @property
-    def levels(self) -> tuple[str, ...]:
-        """Names of the cheap models that are levels of the trusted one, as `simulator` is one of `simulator_fine`."""
-        return tuple(name for name in self.cheap if family(name) == family(self.trusted))
-
-
-def family(model: str) -> str:
-    """Return what the names of all levels of one model begin with, up to the first underscore."""
-    return model.partition("_")[0]
+    def level(self) -> str | None:
+        """The cheap model that is a level of the trusted one, as the task says."""
+        level = self.problem.task.levels.get(self.trusted)
+        return level if level in self.cheap else None
 
 
 class Plan(ABC):

@@ -39,9 +39,9 @@ class TransportPlan(Plan):
     """Simulate where the cheap models point, then where the transported simulations do.
 
     Near simulated actions a reward is estimated by a `Blend` of the transported outcomes; everywhere by the cheapest
-    model and a Gaussian process of what it gets wrong, as the dearest cheap model and the simulations show. Where both
-    apply they are fused, weighted by ``1 / s^2``. The next action has the highest ``mean + s / 2``, in the last call
-    the highest mean.
+    model and a Gaussian process of what it gets wrong, as the dearest cheap model and the simulations show. At swept
+    actions near a simulation both are fused, weighted by ``1 / s^2``. The next action has the highest
+    ``mean + s / 2``, in the last call the highest mean.
 
     Args:
         setting: The optimisation.
@@ -59,7 +59,7 @@ class TransportPlan(Plan):
         self._space = Space.of(setting.problem)
         self._range = np.ptp(setting.problem.task.bounds(setting.problem.state), axis=1)
         self._blend = Blend(setting.problem.target)
-        self._expected: NDArray[np.float32] | None = None
+        self._rehearsed: dict[bytes, NDArray[np.float32]] = {}
         self._asked: list[Float64s] = []
         self._rewards: dict[int, float] = {}
         self._errors: dict[int, float] = {}
@@ -72,12 +72,12 @@ class TransportPlan(Plan):
         """Return the next action ``(n,)``; None if the budget is spent or no call has gained anything lately."""
         if not self._asked:
             self._places = self._begin()
-        if len(self._asked) == self._calls or self._idle >= self._patience or self._best_reward >= -GAIN:
+        if len(self._asked) >= self._calls or self._idle >= self._patience or self._best_reward >= -GAIN:
             return None
         self._compare()
         if self._rewards and (certificate := self._certificate()) is not None and certificate.gain <= self._enough:
             return None
-        curiosity = 0.0 if len(self._asked) == self._calls - 1 else CURIOSITY
+        curiosity = 0.0 if len(self._asked) >= self._calls - 1 else CURIOSITY
         candidates = [self._best_anywhere(curiosity)]
         if self._rewards:
             candidates.append(self._best_near(curiosity))
@@ -97,13 +97,10 @@ class TransportPlan(Plan):
         transport = problem.task.transport(problem.state, action, outcome.heights)
         if transport is None:
             raise RequestError(f"strategy transport: expected a task with a transport, got {problem.task.name}")
+        if self._rehearsed:
+            self._judge(action, outcome)
         if len(self._blend) and self._blend.nearest(action[None])[0] < NEAR:
             self._blend.compare(action, outcome.reward)
-        if index == 0 and self._expected is not None:
-            if deviation(outcome.heights, self._expected) <= CONFIRMED:
-                self._calls = max(self._calls // CONFIRMING, 1)
-            else:
-                self._blend = Blend(problem.target)
         self._blend.add(action, transport)
         self._idle = 0 if outcome.reward > self._best_reward + GAIN else self._idle + 1
         self._rewards[index] = outcome.reward
@@ -136,37 +133,44 @@ class TransportPlan(Plan):
         return certified_grid(self._places, self._asked[best], self._unit, self._space)
 
     def _begin(self) -> Places:
-        """Return where to begin: what the sweeps found, or what another level was asked about.
+        """Return where to begin: what the sweeps found, or what a level of the trusted model was asked about.
 
-        A level of the trusted model is optimised as if it were the trusted one. Where the trusted model's first call
-        confirms it, few more are made, and its outcomes stay in the blend; else they are forgotten.
+        The level is optimised as if it were the trusted one.
         """
-        setting = self._setting
-        others = tuple(name for name in setting.cheap if name not in setting.levels)
-        if not setting.levels:
-            return find_places(setting, models=len(others), hasty=self._hasty)
-        level = setting.levels[-1]
-        names = *others, level
+        setting, level = self._setting, self._setting.level
+        if level is None:
+            return find_places(setting, models=len(setting.cheap), hasty=self._hasty)
+        names = *(name for name in setting.cheap if name != level), level
         inner = TransportPlan(
             replace(setting, models=names, trusted=level, evaluations=self._calls), calls=self._calls, hasty=self._hasty
         )
+        rehearsed: dict[bytes, NDArray[np.float32]] = {}
         while (action := inner.ask()) is not None:
             found = setting.survey.outcomes(level, action[None])
             if found is None:
-                return find_places(replace(setting, models=others), models=len(others), hasty=self._hasty)
+                return replace(inner._places, estimates=None)
             reward = float(setting.problem.task.reward(found[0], setting.problem.target))
-            if reward > inner._best_reward:
-                self._expected = found[0]
-            inner.tell(len(inner._asked) - 1, Outcome(level, reward, found[0]))
-        self._blend = inner._blend
-        swept, errors = inner._places.swept, inner._errors
+            inner.tell(len(rehearsed), Outcome(level, reward, found[0]))
+            rehearsed[action.tobytes()] = found[0]
+        inner._compare()
+        self._blend, self._rehearsed, self._swept = inner._blend, rehearsed, inner._places.swept
         actions, rewards = np.stack(inner._asked), np.array([*inner._rewards.values()])
         swept = replace(
-            swept,
-            known=np.concatenate([swept.known, actions[list(errors)]]),
-            differences=np.concatenate([swept.differences, [*errors.values()]]),
+            self._swept,
+            known=np.concatenate([self._swept.known, actions[list(inner._errors)]]),
+            differences=np.concatenate([self._swept.differences, [*inner._errors.values()]]),
         )
         return Places(actions, rewards, np.ones(len(actions)), None, level, swept)
+
+    def _judge(self, action: Float64s, outcome: Outcome) -> None:
+        """Make few more calls where the trusted model's first outcome confirms the rehearsal, else forget it."""
+        known = self._rehearsed.get(action.tobytes())
+        if known is not None and deviation(outcome.heights, known) <= CONFIRMED:
+            self._calls = max(self._calls // CONFIRMING, 1)
+        else:
+            self._blend = Blend(self._setting.problem.target)
+            self._places = replace(self._places, swept=self._swept)
+        self._rehearsed = {}
 
     def _certificate(self) -> Certificate | None:
         found = self.slack()
@@ -185,18 +189,20 @@ class TransportPlan(Plan):
     def _best_anywhere(self, curiosity: float) -> tuple[float, Float64s]:
         """Return the best of the swept actions, and its score; of the places as long as nothing was simulated."""
         if not self._rewards:
-            actions, widths = self._places.actions, WIDTH * self._places.widths
-            scores = self._scores(actions, self._places.rewards, widths, 0.0)
-            return float(scores.max()), actions[int(scores.argmax())]
+            places = self._places
+            scores = self._scores(places.actions, places.rewards, WIDTH * places.widths, 0.0)
+            if np.isfinite(scores.max()):
+                return float(scores.max()), places.actions[int(scores.argmax())]
         swept = self._places.swept
-        found, deviation = self._discrepancy(swept.actions)
+        found, error = self._discrepancy(swept.actions)
         mean = swept.rewards + found
-        near = np.flatnonzero(self._blend.nearest(swept.actions) < NEAR)
-        if len(near):
-            mean[near], deviation[near] = _fused(
-                (mean[near], deviation[near]), self._blend.predict(swept.actions[near])
-            )
-        scores = self._scores(swept.actions, mean, deviation, curiosity)
+        if self._rewards:
+            near = np.flatnonzero(self._blend.nearest(swept.actions) < NEAR)
+            owners = self._blend.owners(swept.actions[near])
+            for owner in np.unique(owners):
+                part = near[owners == owner]
+                mean[part], error[part] = _fused((mean[part], error[part]), self._blend.predict(swept.actions[part]))
+        scores = self._scores(swept.actions, mean, error, curiosity)
         return float(scores.max()), swept.actions[int(scores.argmax())]
 
     def _best_near(self, curiosity: float) -> tuple[float, Float64s]:
@@ -210,13 +216,13 @@ class TransportPlan(Plan):
                 score, centre = float(scores.max()), actions[int(scores.argmax())]
         return score, centre
 
-    def _scores(self, actions: Float64s, mean: Float64s, deviation: Float64s, curiosity: float) -> Float64s:
-        """Return ``mean + curiosity deviation``, lowered near pending actions and impossible at asked ones."""
-        scores = mean + curiosity * deviation
+    def _scores(self, actions: Float64s, mean: Float64s, error: Float64s, curiosity: float) -> Float64s:
+        """Return ``mean + curiosity error``, lowered near pending actions and impossible at asked ones."""
+        scores = mean + curiosity * error
         for index, asked in enumerate(self._asked):
             distance = np.sqrt(((self._space.gaps(actions, asked) / self._unit) ** 2).sum(axis=1))
             if index not in self._rewards:
-                scores = scores - deviation * np.exp(-distance / PENDING)
+                scores = scores - error * np.exp(-distance / PENDING)
             scores = np.where(distance < 0.4, -np.inf, scores)
         return scores
 

@@ -1,5 +1,7 @@
 """Plating: place an item on a plate with fries so that the scene looks like a target (the paper's task)."""
 
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ class Plating(Task):
 
     name = "plating"
     trusted = "simulator"
+    levels = MappingProxyType({"simulator_fine": "simulator"})
 
     def bounds(self, state: State) -> NDArray[np.float64]:
         """Return the square of centres within 8 cm of the plate's centre, or what the grid leaves of it [m]."""

@@ -123,3 +123,9 @@ def test_it_forgets_those_that_are_far_away_when_there_are_many():
     assert len(blend) == module.KEPT
     assert blend.nearest(actions[:1])[0] > 4e-2
     assert blend.nearest(actions[-1:])[0] == 0
+
+
+def test_an_action_belongs_to_the_simulation_nearest_to_it():
+    actions = np.array([[0.0, 0.0], [5e-2, 0.0], [0.0, 5e-2]])
+    blend = blend_of(actions, np.repeat(FIELD[None], 3, axis=0), np.zeros(SHAPE))
+    assert blend.owners(actions[[2, 0, 1]] + 1e-3).tolist() == [2, 0, 1]

@@ -1,6 +1,7 @@
 """A cheaper level of the trusted model is optimised before it."""
 
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -32,20 +33,26 @@ class Sinking(FakeModel):
         return heights - 0.4 * state.scene.heights * (heights > state.scene.heights) + self.bias, warnings
 
 
-def run(strategy: str, *models: PredictiveModel) -> Result:
+def run(strategy: str, *models: PredictiveModel, **options: int) -> Result:
     target = Sinking().predict(STATE, np.array([TRUE_ACTION])).heights[0]
-    return optimize(Problem(Plating(), STATE, target), {model.name: model for model in models}, {}, strategy=strategy)
+    problem = Problem(Layered(), STATE, target)
+    return optimize(problem, {model.name: model for model in models}, {}, strategy=strategy, **options)
+
+
+class Layered(Plating):
+    levels = MappingProxyType({"simulator": "simulator_coarse"})
 
 
 def family(level: PredictiveModel) -> tuple[PredictiveModel, ...]:
     return HeuristicModel(), FakeModel("learned"), level, Sinking("simulator")
 
 
+@pytest.mark.parametrize("in_flight", [1, 2, 3])
 @pytest.mark.parametrize(("strategy", "most"), [("quality", 2), ("balanced", 1), ("fast", 1)])
-def test_a_level_that_agrees_leaves_the_trusted_model_few_calls(strategy: str, most: int):
+def test_a_level_that_agrees_leaves_the_trusted_model_few_calls(strategy: str, most: int, in_flight: int):
     level = Sinking("simulator_coarse", bias=1e-5)
-    result = run(strategy, *family(level))
-    assert 1 <= result.usage["simulator"] <= most
+    result = run(strategy, *family(level), in_flight=in_flight)
+    assert 1 <= result.usage["simulator"] <= max(most, in_flight)
     assert {trial.model for trial in result.trials} == {"simulator"}
     assert result.usage["simulator_coarse"] == level.calls
     assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
@@ -57,10 +64,19 @@ def test_one_that_does_not_agree_leaves_them_all():
     assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
 
 
-def test_one_that_fails_is_done_without():
-    result = run("balanced", *family(FakeModel("simulator_coarse", error=ModelError("bad"))))
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_one_that_fails_is_done_without(after: int):
+    level = Sinking("simulator_coarse", error=ModelError("bad"), fails=lambda call: call >= after, aside=4e-3)
+    result = run("quality", *family(level))
     assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
     assert any("bad" in event.detail for event in result.events)
+
+
+def test_where_the_first_trusted_call_fails_the_rehearsal_is_not_taken_for_confirmed():
+    trusted = Sinking("simulator", error=ModelError("slipped"), fails=lambda call: call == 0)
+    *cheap, _ = family(Sinking("simulator_coarse", bias=1e-3, aside=4e-3))
+    result = run("quality", *cheap, trusted)
+    assert np.linalg.norm(np.array(result.action) - TRUE_ACTION) < 1e-3
 
 
 def test_a_third_cheap_model_that_is_no_level_is_swept_and_leaves_the_trusted_one_its_calls():

@@ -44,12 +44,6 @@ class Space:
             return np.where(self.circular, low + (actions - low) % (high - low), clipped)
         return clipped
 
-    def middle(self, actions: Float64s) -> Float64s:
-        """Return the mean of actions ``(B, n)`` that lie near each other ``(n,)``."""
-        if self.circular.any():
-            return self.confine(actions[0] + self.gaps(actions, actions[0]).mean(axis=0))
-        return actions.mean(axis=0)
-
 
 def embed(shares: Float64s, circular: NDArray[np.bool_]) -> Float64s:
     """Return coordinates for distances ``(..., n')``: a circle of circumference 1 becomes two, the others stay.

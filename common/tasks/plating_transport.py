@@ -80,7 +80,7 @@ class PlatingTransport(Transport):
     def aligned(self) -> NDArray[np.float32]:
         """Return the settled surface at the item's cells ``(p,)`` [m], as if it lay at the grid's centre."""
         rows, columns = _corners(self._item).T
-        window = slice(max(rows[0], 0), rows[1]), slice(max(columns[0], 0), columns[1])
+        window = slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
         moved = _moved(self._carried, -self._action[None, ::-1] / self._cell, window)[0]
         return moved[self._item[window] > 0]
 

@@ -171,7 +171,8 @@ def _look_closer(
     for _ in range(rounds):
         found, deviation = discrepancy(shares[chosen], rewards - known[1][chosen], [], shares)
         bounds = known[1] + found + deviation
-        bounds[chosen] = -np.inf
+        gaps = space.gaps(known[0][:, None], known[0][chosen]) / (FINE / 2 * unit)
+        bounds[((gaps**2).sum(axis=2) < 1).any(axis=1)] = -np.inf
         picked = best_apart(known[0], bounds, picked_most, FINE * unit, space)
         picked = picked[np.isfinite(bounds[picked])]
         more = setting.survey.rewards(model, known[0][picked]) if len(picked) else None

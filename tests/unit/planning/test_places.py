@@ -1,10 +1,15 @@
 """Where to begin."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from planning_fakes import TRUE_ACTION, FakeEstimator, FakeModel, small_problem
 
 from common.domain.errors import ModelError
+from common.domain.grid import Floats
+from common.domain.scene import State
 from common.planning.places import MOST_PLACES, around, best_apart, find_places
 from common.planning.plan import Setting
 from common.planning.space import Space
@@ -12,6 +17,19 @@ from common.planning.sweep import Sweeps
 from services.heuristic import HeuristicModel
 
 PROBLEM = small_problem()
+
+
+@dataclass
+class Noting(FakeModel):
+    """Keeps what it was asked about."""
+
+    asked: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def outcomes(self, state: State, actions: NDArray[np.float64]) -> tuple[Floats, tuple[str, ...]]:
+        self.asked.append(actions)
+        return super().outcomes(state, actions)
+
+
 SPACE = Space.of(PROBLEM)
 
 
@@ -44,6 +62,15 @@ def test_a_dearer_model_is_asked_some_dozen_times_where_the_cheapest_points():
     survey = asked.survey
     assert isinstance(survey, Sweeps)
     assert 12 <= survey.usage["learned"] <= 31
+
+
+def test_a_dearer_model_is_not_asked_twice_about_one_place():
+    learned = Noting(name="learned")
+    find_places(setting(HeuristicModel(), learned), models=2)
+    asked = np.concatenate(learned.asked)
+    gaps = np.linalg.norm(asked[:, None] - asked[None], axis=2) + np.eye(len(asked))
+    assert len(asked) >= 12
+    assert gaps.min() > 1e-3
 
 
 def test_a_dearer_model_that_fails_leaves_the_cheaper_one_s_word():

@@ -43,7 +43,6 @@ def test_what_leaves_the_bounds_is_moved_to_them_and_what_leaves_a_circle_comes_
 def test_without_circles_nothing_but_the_difference_is_computed():
     actions, others = RNG.uniform(-0.1, 0.1, (2, 20, 2))
     np.testing.assert_array_equal(PLANE.gaps(actions, others), actions - others)
-    np.testing.assert_array_equal(PLANE.middle(actions), actions.mean(axis=0))
     assert embed(actions, PLANE.circular) is actions
 
 

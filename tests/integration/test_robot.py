@@ -76,11 +76,11 @@ def test_the_command_line_writes_result_trials_and_figure(case: Case, tmp_path: 
     assert printed == json.loads((out / "result.json").read_text())
     wanted = ["action", "action_error_m", "reward", "evaluations", "usage", "wall_s", "split_s", "seed", "models"]
     assert set(wanted) <= set(printed)
-    assert printed["evaluations"] == 12 == sum(printed["usage"].values())
+    assert 2 <= printed["evaluations"] == sum(printed["usage"].values()) <= 12
     assert {"simulator", "mde", "optimiser", "transport"} <= set(printed["split_s"])
     assert printed["action_error_m"] == pytest.approx(np.hypot(*np.subtract(printed["action"], TRUE_ACTION)))
     trials = [json.loads(line) for line in (out / "trials.jsonl").read_text().splitlines()]
-    assert [trial["index"] for trial in trials] == list(range(12))
+    assert [trial["index"] for trial in trials] == list(range(printed["evaluations"]))
     assert max(trial["reward"] for trial in trials) == printed["reward"]
     assert (out / "placement.png").stat().st_size > 10_000
     assert "<svg" in (out / "placement.svg").read_text()

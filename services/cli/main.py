@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("services.cli.simulate:simulate", "Simulate one placement and draw it on its way to rest."),
     "bench": ("services.cli.bench:bench", "Measure the simulator and the optimiser, with others beside them."),
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
+    "finetune": ("services.cli.finetune:finetune", "Fine-tune MDEs on real trials, and choose the next trial."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),

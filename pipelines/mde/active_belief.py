@@ -104,12 +104,12 @@ def _fit(known: Points, residuals: Values, scale: float, noise: float) -> tuple[
 
 def _factor(known: Points, scale: float, noise: float) -> Values:
     count = len(known.estimates)
-    return np.linalg.cholesky(_kernel(known.described, known.described, scale) + noise * np.eye(count))
+    covariance = _kernel(known.described, known.described, scale) + noise * np.eye(count)
+    return np.linalg.cholesky(covariance).astype(np.float64)
 
 
 def _kernel(points: Values, others: Values, scale: float) -> Values:
-    linear: Values = points @ others.T
+    linear = points @ others.T
     squared = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * linear
     distance = math.sqrt(5) / scale * np.sqrt(squared.clip(0))
-    correlated: Values = (1 + distance * (1 + distance / 3)) * np.exp(-distance)
-    return np.asarray(1 + linear + correlated, dtype=np.float64)
+    return 1 + linear + (1 + distance * (1 + distance / 3)) * np.exp(-distance)

@@ -3,9 +3,10 @@ import pytest
 from depth_scene import FRIES, SIZE, THICKNESS, camera, look, surface
 
 from common.domain.bodies import Material
+from common.domain.camera import Camera
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
-from pipelines.data.depth import Camera, heightmap_from_depth
+from pipelines.data.depth import heightmap_from_depth
 from pipelines.data.depth_case import DepthTrial, make_case
 
 GRID = Grid(84, 84, 0.003)
@@ -105,7 +106,7 @@ def test_an_image_of_the_empty_plate_replaces_the_default_one():
 
 def test_an_item_image_without_an_item_is_refused():
     empty = look(surface(), EYE)
-    with pytest.raises(RequestError, match="expected something at least 4 mm thick, got none"):
+    with pytest.raises(RequestError, match="expected something that rises above the plate"):
         make_case("a", DepthTrial(empty, empty, empty, None, BEEF, POTATO, None), camera=EYE, grid=GRID)
 
 

@@ -64,9 +64,9 @@ def heuristic(*, instance: str, task: str) -> None:
 def learned(*, weights: Path | None, instance: str, task: str) -> None:
     """Serve the learned model; weights that are not what their card says are refused."""
     from services.cli.released import released
-    from services.learned.model import LearnedModel
+    from services.learned.load import load_learned
 
-    served = LearnedModel.load(weights or released("learned"))
+    served = load_learned(weights or released("learned"))
     _serve_model(served, instance=instance, task=task, weights=served.weights, grid=served.grid)
 
 

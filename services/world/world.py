@@ -142,6 +142,7 @@ def _plate() -> Plate:
 
 def _look(plate: Plate, heights: NDArray[np.floating], key: list[int]) -> NDArray[np.uint16]:
     """Return the depth image of heights on `GRID`, with the table around it."""
+
     def surface(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         rows, columns = y / GRID.cell + (GRID.rows - 1) / 2, x / GRID.cell + (GRID.columns - 1) / 2
         return map_coordinates(heights, [rows, columns], order=1, mode="nearest")

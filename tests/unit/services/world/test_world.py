@@ -81,7 +81,7 @@ def test_a_calibration_that_is_a_little_wrong_is_put_right_by_the_empty_plate():
 
 
 def test_a_plate_that_is_elsewhere_is_refused():
-    moved = replace(OPTICS.camera, position=OPTICS.camera.position + [0.06, 0, 0])
+    moved = replace(OPTICS.camera, position=OPTICS.camera.position + np.array([0.06, 0, 0]))
     with pytest.raises(RequestError, match="expected it within 30 mm of where the pose says"):
         align(OPTICS.see(bare_plate, np.random.default_rng(3)) * UNIT, moved, dinner_plate())
 

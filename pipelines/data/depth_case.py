@@ -13,6 +13,7 @@ from common.domain.case import Case
 from common.domain.errors import RequestError
 from common.domain.grid import Floats, Grid
 from common.domain.scene import Item, Scene, State
+from common.domain.world import Sight
 from common.tasks.plating import RIM_RADIUS, dinner_plate
 from pipelines.data.depth import heightmap_from_depth
 from pipelines.data.plate_pose import align
@@ -24,29 +25,6 @@ INSIDE_RIM = RIM_RADIUS - 0.005
 """Food that was there before is looked for within this distance of the centre: the edge hides what is behind [m]."""
 BESIDE = 1
 """A cell so near to food may show some of it; all others show the plate and take its height [cells]."""
-
-
-@dataclass(frozen=True)
-class DepthTrial:
-    """What the camera saw.
-
-    Attributes:
-        before: Depth image of plate and fries ``(h, w)`` [m].
-        after: The same with the item placed.
-        item: The item alone on the empty plate, its whole outline on the flat.
-        plate: The empty plate; None: it is the default one.
-        item_material: What the item is made of.
-        scene_material: What lies on the plate.
-        action: Where the item's centre was placed ``(x, y)`` [m]; None if nobody knows it.
-    """
-
-    before: Floats
-    after: Floats
-    item: Floats
-    plate: Floats | None
-    item_material: Material
-    scene_material: Material
-    action: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -70,59 +48,53 @@ class Perceived:
         return _surface(after, self.camera, self.state.grid, self.plate, segmenter, within=everywhere)[0]
 
 
-def perceive(
-    *,
-    before: Floats,
-    item: Floats,
-    plate: Floats | None,
-    item_material: Material,
-    scene_material: Material,
-    camera: Camera,
-    grid: Grid,
-    segmenter: Segmenter | None = None,
-) -> Perceived:
+def perceive(sight: Sight, *, grid: Grid, segmenter: Segmenter | None = None) -> Perceived:
     """Return the state that depth images show (real to sim).
 
     An image of the empty plate puts the camera's pose right and tells the plate's profile; else both are taken as they
-    are told. The item's centre of area becomes the grid's centre. Everything on the plate has one material. Where no
-    food is near, heights are the plate's.
+    are told, the plate as the default one. The item's centre of area becomes the grid's centre. Everything on the
+    plate has one material. Where no food is near, heights are the plate's.
 
     Args:
-        before: Depth image of plate and food ``(h, w)`` [m].
-        item: The item alone on the empty plate, its whole outline on the flat.
-        plate: The empty plate; None: it is the default one.
-        item_material: What the item is made of.
-        scene_material: What lies on the plate.
-        camera: The camera as it was calibrated.
+        sight: What the camera saw.
         grid: The grid of the state.
         segmenter: Tells food from plate; by height if None.
 
     Raises:
         RequestError: An image does not show the grid, or there is no item or no plate.
     """
-    segmenter, profile = segmenter or HeightSegmenter(), dinner_plate()
-    if plate is not None:
-        camera, profile = align(plate, camera, profile)
+    segmenter, camera, plate = segmenter or HeightSegmenter(), sight.camera, dinner_plate()
+    if sight.plate is not None:
+        camera, plate = align(sight.plate, camera, plate)
     inside = np.hypot(grid.x[None, :], grid.y[:, None]) < INSIDE_RIM
-    heights, food = _surface(before, camera, grid, profile, segmenter, within=inside)
-    scene = Scene(grid, heights, _materials(food, scene_material))
-    return Perceived(State(scene, _item(item, item_material, camera, grid, profile, segmenter)), camera, profile)
+    heights, food = _surface(sight.before, camera, grid, plate, segmenter, within=inside)
+    scene = Scene(grid, heights, _materials(food, sight.scene_material))
+    item = _item(sight.item, sight.item_material, camera, grid, plate, segmenter)
+    return Perceived(State(scene, item), camera, plate)
 
 
-def make_case(name: str, trial: DepthTrial, *, camera: Camera, grid: Grid, segmenter: Segmenter | None = None) -> Case:
-    """Return a trial as a case whose target is the scene after; see `perceive`."""
-    found = perceive(
-        before=trial.before,
-        item=trial.item,
-        plate=trial.plate,
-        item_material=trial.item_material,
-        scene_material=trial.scene_material,
-        camera=camera,
-        grid=grid,
-        segmenter=segmenter,
-    )
-    after = found.outcome(trial.after, segmenter=segmenter)
-    return Case(name, 0, found.state, after, trial.action, same_item=True, notes="Imported from depth images.")
+def make_case(
+    name: str,
+    sight: Sight,
+    after: Floats,
+    action: tuple[float, float] | None,
+    *,
+    grid: Grid,
+    segmenter: Segmenter | None = None,
+) -> Case:
+    """Return a trial as a case whose target is the scene after; see `perceive`.
+
+    Args:
+        name: Name of the case.
+        sight: What the camera saw before.
+        after: Depth image with the item placed ``(h, w)`` [m].
+        action: Where the item's centre was placed ``(x, y)`` [m]; None if nobody knows it.
+        grid: The grid of the case.
+        segmenter: Tells food from plate; by height if None.
+    """
+    found = perceive(sight, grid=grid, segmenter=segmenter)
+    outcome = found.outcome(after, segmenter=segmenter)
+    return Case(name, 0, found.state, outcome, action, same_item=True, notes="Imported from depth images.")
 
 
 def _surface(

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.domain.case import Case
 from common.domain.errors import FrugalError, ModelError
@@ -14,8 +15,7 @@ from common.domain.grid import Grid
 from common.storage.cases import write_case
 from pipelines.data.depth_case import Perceived, perceive
 from pipelines.data.presets import draw_action
-from services.world.optics import UNIT
-from services.world.world import World
+from services.world.world import StandIn
 
 COUNTS = {"train": 80, "test": 20, "more": 200, "pool": 40}
 """Split -> tables. The first two are the paper's; ``more`` is for tight intervals, ``pool`` for a choice of actions."""
@@ -49,22 +49,13 @@ def make_trials(split: str, index: int) -> list[Case]:
 
 def look(table: int, *, grid: Grid | None = None) -> tuple[Perceived, str]:
     """Return the state of a table as the robot perceives it, and the steak's name."""
-    sight = _world().sight(table)
-    perceived = perceive(
-        before=sight.before * UNIT,
-        item=sight.item * UNIT,
-        plate=sight.plate * UNIT,
-        item_material=sight.item_material,
-        scene_material=sight.fries_material,
-        camera=sight.camera,
-        grid=grid or Grid(),
-    )
-    return perceived, sight.steak
+    sight = _world().look(table)
+    return perceive(sight, grid=grid or Grid()), sight.name
 
 
-def execute(table: int, perceived: Perceived, action: tuple[float, float]) -> np.ndarray:
+def execute(table: int, perceived: Perceived, action: tuple[float, float]) -> NDArray[np.float32]:
     """Return the heightmap that the robot sees after an action ``(H, W)`` [m]."""
-    return perceived.outcome(_world().execute(table, action) * UNIT)
+    return perceived.outcome(_world().execute(table, action))
 
 
 def _try(
@@ -109,12 +100,12 @@ def generate_real(
             write_case(folder / futures[future] / f"{case.name}.npz", case)
         done += 1
         report(done)
-    card = {"world": World.version, "counts": dict(counts), "actions": ACTIONS, "first_table": FIRST_TABLE}
+    card = {"world": StandIn.version, "counts": dict(counts), "actions": ACTIONS, "first_table": FIRST_TABLE}
     (folder / "card.json").write_text(json.dumps(card, indent=2) + "\n")
 
 
 @cache
-def _world() -> World:
-    world = World()
+def _world() -> StandIn:
+    world = StandIn()
     world.warm()
     return world

@@ -132,6 +132,20 @@ def orchestrator(*, instance: str, task: str) -> None:
     sys.exit(run_orchestrator(WireSettings(), OrchestratorSettings(), task=TASKS[task], instance=instance))
 
 
+@serve.command()
+@INSTANCE
+@TASK
+def world(*, instance: str, task: str) -> None:
+    """Serve the world's stand-in: it shows tables to a depth camera and executes actions on them."""
+    from common.wire.run import run_host
+    from common.wire.serve_world import host_world
+    from services.world.world import StandIn
+
+    served = StandIn()
+    served.warm()
+    sys.exit(run_host(lambda session: host_world(session, served, task=task, instance=instance), WireSettings()))
+
+
 def load_model(where: str) -> PredictiveModel:
     """Return an instance of a class in a file, ``path/to/file.py:Class``.
 

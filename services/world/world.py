@@ -5,7 +5,7 @@ in, and nothing but this module reads its parameters: a finer mesh, other fricti
 plate, six uneven steaks, a hand that misses a little, and a camera with faults.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from common.domain.bodies import Material, Plate
-from common.domain.camera import Camera
 from common.domain.errors import ModelError, RequestError
 from common.domain.grid import Grid
 from common.domain.scene import State
+from common.domain.world import Sight, World
 from common.tasks.plating import dinner_plate
 from common.tasks.plating_sampler import LAYOUTS, MORE_LAYOUTS, Fries, sample_scene
 from services.simulator.model import SimulatorModel
 from services.simulator.settings import LEVELS
 from services.simulator.settle import settle_boxes
-from services.world.optics import Optics
+from services.world.optics import UNIT, Optics
 from services.world.steaks import STEAKS, Steak, draw_steak
 
 GRID = Grid(192, 192, 0.0015)
@@ -38,35 +38,8 @@ STIFFNESS_ERROR = 0.15
 FIRST_DRAWS, BEFORE, ITEM, PLATE, AFTER = range(5)
 
 
-@dataclass(frozen=True)
-class Sight:
-    """What the robot knows of a table before it acts: depth images ``(h, w)`` in units of `services.world.optics.UNIT`.
-
-    Attributes:
-        before: Plate and fries.
-        item: The steak alone on the plate.
-        plate: The empty plate.
-        camera: The camera as it is calibrated.
-        item_material: What the steak is made of, as far as the robot could tell.
-        fries_material: The same of the fries.
-        steak: The steak's name.
-    """
-
-    before: NDArray[np.uint16]
-    item: NDArray[np.uint16]
-    plate: NDArray[np.uint16]
-    camera: Camera
-    item_material: Material
-    fries_material: Material
-    steak: str
-
-
-class World:
-    """Tables by number; the same number and action always look the same.
-
-    Attributes:
-        version: Version of everything that it looks like.
-    """
+class StandIn(World):
+    """Tables by number; the same number and action always look the same."""
 
     version = "1"
 
@@ -78,7 +51,7 @@ class World:
         """Compile the kernels."""
         self._simulator.warm()
 
-    def sight(self, table: int) -> Sight:
+    def look(self, table: int) -> Sight:
         """Return what the robot sees of a table.
 
         Raises:
@@ -92,17 +65,17 @@ class World:
         bare = alone.plate.heightmap(GRID)
         softness = float(np.exp(rng.normal(0, STIFFNESS_ERROR)))
         return Sight(
-            before=_look(alone.plate, state.scene.heights, [table, BEFORE]),
-            item=_look(alone.plate, bare + item.heights, [table, ITEM]),
-            plate=_look(alone.plate, bare, [table, PLATE]),
+            before=_look(state.scene.heights, [table, BEFORE]),
+            item=_look(bare + item.heights, [table, ITEM]),
+            plate=_look(bare, [table, PLATE]),
             camera=OPTICS.calibrated,
             item_material=Material(1050.0, steak.material.youngs_modulus * softness, 0.3 if steak.is_rigid else 0.4),
-            fries_material=Material(550.0, 1e6, 0.3),
-            steak=steak.name,
+            scene_material=Material(550.0, 1e6, 0.3),
+            name=steak.name,
         )
 
-    def execute(self, table: int, action: tuple[float, float]) -> NDArray[np.uint16]:
-        """Place the steak and return the depth image of what came to rest ``(h, w)``.
+    def execute(self, table: int, action: tuple[float, float]) -> NDArray[np.float32]:
+        """Place the steak and return the depth image of what came to rest ``(h, w)`` [m].
 
         Raises:
             RequestError: The action is off the plate.
@@ -116,10 +89,7 @@ class World:
         placed = self._simulator.predict(state, (np.array(action) + missed)[None])
         if placed.warnings[0]:
             raise ModelError(f"table {table}: expected the steak to come to rest, got {placed.warnings[0]}")
-        bodies = state.scene.bodies
-        assert bodies is not None
-        assert bodies.plate is not None
-        return _look(bodies.plate, placed.heights[0], key)
+        return _look(placed.heights[0], key)
 
 
 def _lay(table: int) -> tuple[Steak, State]:
@@ -140,11 +110,11 @@ def _plate() -> Plate:
     return Plate(known.radii, np.where(known.heights > 0, 1.06 * known.heights, known.heights))
 
 
-def _look(plate: Plate, heights: NDArray[np.floating], key: list[int]) -> NDArray[np.uint16]:
-    """Return the depth image of heights on `GRID`, with the table around it."""
+def _look(heights: NDArray[np.floating], key: list[int]) -> NDArray[np.float32]:
+    """Return the depth image of heights on `GRID` [m]; beyond it they go on as at its border."""
 
     def surface(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         rows, columns = y / GRID.cell + (GRID.rows - 1) / 2, x / GRID.cell + (GRID.columns - 1) / 2
         return map_coordinates(heights, [rows, columns], order=1, mode="nearest")
 
-    return OPTICS.see(surface, np.random.default_rng(key))
+    return (OPTICS.see(surface, np.random.default_rng(key)) * UNIT).astype(np.float32)

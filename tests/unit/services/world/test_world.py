@@ -13,28 +13,19 @@ from pipelines.data.plate_pose import align
 from services.simulator.model import SimulatorModel
 from services.world.optics import EDGE, UNIT, Optics
 from services.world.steaks import STEAKS, draw_steak
-from services.world.world import OPTICS, World
+from services.world.world import OPTICS, StandIn
 
 CROWDED = 6
 """A table on which fries that are found in the heightmap overlap at first."""
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    return World()
+def world() -> StandIn:
+    return StandIn()
 
 
 def see(world, table):
-    sight = world.sight(table)
-    return perceive(
-        before=sight.before * UNIT,
-        item=sight.item * UNIT,
-        plate=sight.plate * UNIT,
-        item_material=sight.item_material,
-        scene_material=sight.fries_material,
-        camera=sight.camera,
-        grid=Grid(),
-    )
+    return perceive(world.look(table), grid=Grid())
 
 
 def bare_plate(x, y):
@@ -47,10 +38,10 @@ def test_there_are_four_soft_and_two_rigid_steaks():
 
 
 def test_the_same_table_and_action_look_the_same_and_another_one_does_not(world):
-    first, again = world.sight(1), World().sight(1)
+    first, again = world.look(1), StandIn().look(1)
     np.testing.assert_array_equal(first.before, again.before)
-    np.testing.assert_array_equal(world.execute(1, (0.01, 0.02)), World().execute(1, (0.01, 0.02)))
-    assert (first.before != world.sight(2).before).any()
+    np.testing.assert_array_equal(world.execute(1, (0.01, 0.02)), StandIn().execute(1, (0.01, 0.02)))
+    assert (first.before != world.look(2).before).any()
     assert (world.execute(1, (0.01, 0.02)) != world.execute(1, (0.011, 0.02))).any()
 
 
@@ -107,7 +98,7 @@ def test_the_robot_perceives_outline_thickness_and_fries(world, table):
 
 def test_what_the_robot_put_down_is_near_where_it_was_told_to(world):
     perceived, action = see(world, 3), (0.0, 0.045)
-    outcome = perceived.outcome(world.execute(3, action) * UNIT)
+    outcome = perceived.outcome(world.execute(3, action))
     change = np.clip(outcome - perceived.state.scene.heights, 0, None)
     grid = perceived.state.grid
     centre = (change * grid.x).sum() / change.sum(), (change * grid.y[:, None]).sum() / change.sum()

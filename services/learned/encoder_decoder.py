@@ -39,12 +39,18 @@ class EncoderDecoder(nn.Module):
 
     Attributes:
         facts: Rows, columns and cell [m] of the grid that it is trained on, float64 ``(3,)``.
+
+    Raises:
+        RequestError: The grid cannot be halved as often as there are widths.
     """
 
     facts: Tensor
 
     def __init__(self, settings: EncoderDecoderSettings, grid: Grid) -> None:
         super().__init__()
+        blocks = 2 ** len(settings.widths)
+        if grid.rows % blocks or grid.columns % blocks:
+            raise RequestError(f"expected a grid of multiples of {blocks} cells, got {grid}")
         self.register_buffer("facts", torch.tensor([grid.rows, grid.columns, grid.cell], dtype=torch.float64))
         down, up, come = [], [], INPUTS
         for width in settings.widths:

@@ -4,8 +4,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from common.domain.bodies import Bodies, Box, Material, Plate
+from common.domain.camera import Camera
 from common.domain.grid import Grid
 from common.domain.scene import Item, Scene, State
+from common.domain.world import Sight
 from common.wire.array import Array
 from common.wire.messages import (
     CancelReply,
@@ -20,6 +22,7 @@ from common.wire.messages import (
 )
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
 from common.wire.state import GridMessage, StateMessage
+from common.wire.world import ExecuteReply, ExecuteRequest, LookReply, LookRequest
 
 SMALL, SERVABLE = Grid(4, 6, 0.01), Grid(16, 16, 0.01)
 
@@ -54,6 +57,13 @@ def example_optimization() -> OptimizeRequest:
         strategy="only:heuristic",
         evaluations=30,
     )
+
+
+def example_sight() -> Sight:
+    """Return what a camera of 3 x 2 pixels sees, half a metre above the plate."""
+    depth = np.array([[0.5, 0.49, 0.0], [0.5, 0.5, 0.5]], dtype=np.float32)
+    camera = Camera(4.0, 4.0, 1.0, 0.5, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.5]))
+    return Sight(depth, depth, None, camera, Material(1050.0, 3e4, 0.4), Material(550.0, 1e6, 0.3), "rump")
 
 
 def example_messages() -> tuple[BaseModel, ...]:
@@ -138,6 +148,10 @@ def example_messages() -> tuple[BaseModel, ...]:
             uptime_s=60.0,
             cost=cost,
         ),
+        LookRequest(id="request-4", table=7),
+        LookReply.of(example_sight(), instance="9a8b"),
+        ExecuteRequest(id="request-5", table=7, action=(0.01, -0.005)),
+        ExecuteReply(after=Array.of(np.full((2, 3), 0.48, dtype=np.float32)), instance="9a8b"),
         CancelReply(id="request-3", found=True),
         ErrorReply(code="request", message="evaluations: expected greater than or equal to 1, got 0"),
     )

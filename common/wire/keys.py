@@ -10,8 +10,10 @@ VERSION = 1
 ROOT = f"frugal/@v{VERSION}"
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
-Role = Literal["model", "mde", "orchestrator"]
+Role = Literal["model", "mde", "orchestrator", "recorder", "world"]
 ROLES: tuple[Role, ...] = get_args(Role)
+OF_A_MODEL: tuple[Role, ...] = ("model", "mde")
+"""Roles whose keys name a model."""
 
 
 def check_name(kind: str, name: str) -> str:
@@ -25,12 +27,12 @@ def check_name(kind: str, name: str) -> str:
 
 @dataclass(frozen=True)
 class Address:
-    """One worker process: ``<task>/model/<model>/<instance>`` or ``<task>/orchestrator/<instance>``.
+    """One worker process: ``<task>/model/<model>/<instance>``, or ``<task>/orchestrator/<instance>`` without a model.
 
     Attributes:
         task: The task that it serves.
         role: What it does.
-        model: The model that it runs, or whose deviation it estimates; None for an orchestrator.
+        model: The model that it runs, or whose deviation it estimates; None for roles that are not `OF_A_MODEL`.
         instance: Which of the processes of one kind it is.
     """
 
@@ -42,8 +44,10 @@ class Address:
     def __post_init__(self) -> None:
         if self.role not in ROLES:
             raise RequestError(f"role: expected one of {', '.join(ROLES)}, got {self.role!r}")
-        if (self.role == "orchestrator") != (self.model is None):
-            raise RequestError(f"model: expected a name for every role but the orchestrator, got {self.model!r}")
+        if (self.role in OF_A_MODEL) != (self.model is not None):
+            raise RequestError(
+                f"model: expected a name for the roles {', '.join(OF_A_MODEL)} alone, got {self.model!r}"
+            )
         check_name("task", self.task)
         check_name("instance", self.instance)
         if self.model is not None:
@@ -74,12 +78,12 @@ def parse_address(key: str) -> tuple[Address, str]:
     if not key.startswith(f"{ROOT}/"):
         raise RequestError(f"expected a key under {ROOT}, got {key[:200]!r}")
     task, *rest = key.removeprefix(f"{ROOT}/").split("/")
-    if len(rest) >= 3 and rest[0] == "orchestrator":
-        return Address(task, "orchestrator", None, rest[1]), "/".join(rest[2:])
-    if len(rest) >= 4 and rest[0] == "model":
-        return Address(task, "model", rest[1], rest[2]), "/".join(rest[3:])
-    if len(rest) >= 4 and rest[0] == "mde":
-        return Address(task, "mde", rest[1], rest[2]), "/".join(rest[3:])
+    for role in ROLES:
+        if rest and rest[0] == role:
+            if role in OF_A_MODEL and len(rest) >= 4:
+                return Address(task, role, rest[1], rest[2]), "/".join(rest[3:])
+            if role not in OF_A_MODEL and len(rest) >= 3:
+                return Address(task, role, None, rest[1]), "/".join(rest[2:])
     raise RequestError(f"expected a worker's key, got {key[:200]!r}")
 
 

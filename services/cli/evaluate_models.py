@@ -55,13 +55,13 @@ def run(data: Path, learned: Path | None, *, fine: int, states: int) -> "list[Me
     from pipelines.evaluate.models_runs import measure, measure_pair, time_batches
     from services.cli.released import released
     from services.heuristic import HeuristicModel
-    from services.learned.model import LearnedModel
+    from services.learned.load import load_learned
 
     dataset = Dataset.open(data)
     samples = dataset.samples("test")
     rows: list[Measurement | Latency] = []
     with bars() as progress:
-        for model in (HeuristicModel(), LearnedModel.load(learned or released("learned"))):
+        for model in (HeuristicModel(), load_learned(learned or released("learned"))):
             row = progress.add_task(model.name, total=len(samples))
             rows += measure(model, dataset, samples, report=lambda done, row=row: progress.update(row, completed=done))
             rows.append(time_batches(model, dataset, samples, states=states))

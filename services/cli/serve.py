@@ -64,9 +64,9 @@ def heuristic(*, instance: str, task: str) -> None:
 def learned(*, weights: Path | None, instance: str, task: str) -> None:
     """Serve the learned model; weights that are not what their card says are refused."""
     from services.cli.released import released
-    from services.learned.model import LearnedModel
+    from services.learned.load import load_learned
 
-    served = LearnedModel.load(weights or released("learned"))
+    served = load_learned(weights or released("learned"))
     _serve_model(served, instance=instance, task=task, weights=served.weights, grid=served.grid)
 
 
@@ -130,6 +130,20 @@ def orchestrator(*, instance: str, task: str) -> None:
     from services.orchestrator import OrchestratorSettings, run_orchestrator
 
     sys.exit(run_orchestrator(WireSettings(), OrchestratorSettings(), task=TASKS[task], instance=instance))
+
+
+@serve.command()
+@INSTANCE
+@TASK
+def world(*, instance: str, task: str) -> None:
+    """Serve the world's stand-in: it shows tables to a depth camera and executes actions on them."""
+    from common.wire.run import run_host
+    from common.wire.serve_world import host_world
+    from services.world.world import StandIn
+
+    served = StandIn()
+    served.warm()
+    sys.exit(run_host(lambda session: host_world(session, served, task=task, instance=instance), WireSettings()))
 
 
 def load_model(where: str) -> PredictiveModel:

@@ -23,7 +23,7 @@ def find_member(name: str, weights: Mapping[str, Path]) -> PredictiveModel:
     """Return a model by name, a level of the simulator with its kernels compiled.
 
     Args:
-        name: ``heuristic``, ``learned`` or one of `LEVELS`.
+        name: ``heuristic``, one of `LEVELS`, or ``learned`` and ``learned_<variant>`` with weights of that name.
         weights: Folder of the weights by the name of whose they are.
 
     Raises:
@@ -31,12 +31,12 @@ def find_member(name: str, weights: Mapping[str, Path]) -> PredictiveModel:
     """
     if name == "heuristic":
         return HeuristicModel()
-    if name == "learned" and name in weights:
+    if name.partition("_")[0] == "learned" and name in weights:
         from services.learned.model import LearnedModel
 
         return LearnedModel.load(weights[name])
     if name not in LEVELS:
-        known = ("heuristic", *(["learned"] if "learned" in weights else []), *LEVELS)
+        known = ("heuristic", *(one for one in weights if one.startswith("learned")), *LEVELS)
         raise RequestError(f"model: expected one of {', '.join(known)}, got {name!r}")
     simulator = SimulatorModel.at_level(name.partition("_")[2] or "default")
     simulator.warm()

@@ -73,19 +73,22 @@ class DatasetCases(CaseSet):
 
 
 class TrialCases(CaseSet):
-    """Trials in a folder of case files.
+    """Trials in folders of case files.
 
     Args:
-        folder: The folder.
+        data: Where the folders are.
         wanted: Which of them.
     """
 
-    def __init__(self, folder: Path, wanted: Cases) -> None:
-        files = sorted(folder.glob("[!.]*.npz"))
-        if not files:
-            raise RequestError(f"expected trials (*.npz) in {folder}, got none")
-        self._files = [files[index] for index in _spread(len(files), wanted.count, folder)]
-        self._name = wanted.trials
+    def __init__(self, data: Path, wanted: Cases) -> None:
+        files: list[Path] = []
+        for name in wanted.trials:
+            found = sorted((data / name).glob("[!.]*.npz"))
+            if not found:
+                raise RequestError(f"expected trials (*.npz) in {data / name}, got none")
+            files += found
+        self._files = [files[index] for index in _spread(len(files), wanted.count, data / wanted.trials[0])]
+        self._name = ", ".join(wanted.trials)
         digests = [self.case(index).state.digest for index in range(len(self._files))]
         self.groups = np.unique(digests, return_inverse=True)[1]
 
@@ -101,7 +104,7 @@ class TrialCases(CaseSet):
         return case
 
     def about(self) -> dict[str, Any]:
-        """Return the folder's name and the digest of all its files."""
+        """Return the folders' names and the digest of all files."""
         digest = hashlib.sha256()
         for file in self._files:
             digest.update(file.read_bytes())
@@ -117,7 +120,7 @@ def find_cases(data: Path, wanted: Cases) -> CaseSet:
     """
     if wanted.data:
         return DatasetCases(data / wanted.data, wanted)
-    return TrialCases(data / wanted.trials, wanted)
+    return TrialCases(data, wanted)
 
 
 def _spread(there: int, count: int | None, path: Path) -> NDArray[np.int64]:

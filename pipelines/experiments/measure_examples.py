@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.domain.case import Case
 from common.domain.errors import RequestError
+from pipelines.data.real import execute, look
 from pipelines.evaluate.family import versions
 from pipelines.evaluate.regions import region
 from pipelines.evaluate.strategies import Comparison, run_strategies
@@ -49,6 +51,20 @@ def case_region(case: Case) -> str:
     return region(state.grid, state.scene.materials, state.item.heights, np.array(case.true_action))
 
 
+def executed(case: Case, action: tuple[float, float]) -> NDArray[np.float32]:
+    """Return what the robot would see after an action on the table of a trial ``(H, W)`` [m]: its seed names the table.
+
+    No method sees this; it is only drawn.
+
+    Raises:
+        RequestError: The table looks otherwise than in the trial.
+    """
+    perceived, _ = look(case.seed, grid=case.state.grid)
+    if perceived.state.digest != case.state.digest:
+        raise RequestError(f"{case.name}: expected table {case.seed} of the world's stand-in, got another state")
+    return execute(case.seed, perceived, action)
+
+
 @dataclass(frozen=True)
 class _Work:
     """Optimises one target."""
@@ -71,7 +87,12 @@ class _Work:
         (row,) = run_strategies(case, index, plan, kit, set())
         if "error" in row:
             raise RequestError(f"{case.name}: expected an answer of {parameters.method}, got {row['error']}")
-        achieved = kit.trusted.predict(case.state, np.array([row["action"]])).heights[0]
+        action = (row["action"][0], row["action"][1])
+        achieved = (
+            executed(case, action)
+            if parameters.executed
+            else kit.trusted.predict(case.state, np.array([action])).heights[0]
+        )
         state = case.state
         heights = {"scene": state.scene.heights, "item": state.item.heights, "target": case.target}
         return [

@@ -29,8 +29,11 @@ WEIGHTS = "weights"
 def measure_mdes(parameters: MdeErrors, folder: Path, place: Place, report: Report) -> None:
     """Train MDEs that are not there, on the training split, and ask each about every test sample."""
     cases = find_cases(place.data, parameters.cases)
-    jobs = {f"{model}/{seed}": len(cases) for model in parameters.models for seed in parameters.seeds}
-    about = {**parameters.about(), "cases": cases.about(), **versions(place.weights(parameters.weights))}
+    real = find_cases(place.data, parameters.real) if parameters.real else None
+    rows = len(cases) + (len(real) if real else 0)
+    jobs = {f"{model}/{seed}": rows for model in parameters.models for seed in parameters.seeds}
+    sets = {"cases": cases.about(), "real": real and real.about()}
+    about = {**parameters.about(), **sets, **versions(place.weights(parameters.weights))}
     work = _Work(parameters, place, folder / WEIGHTS)
     collect(folder / FILE, about, jobs, work, workers=place.workers, report=report)
 
@@ -57,9 +60,16 @@ class _Work:
             released=weights.get(f"mde_{name}", self.work / "none"),
             work=self.work,
         )
-        about: Row = {"model": name, "seed": int(seed), "stage": "s2s", "set": "sim", "method": "s2s", "trials": 0}
-        about["constant"] = float(np.median(np.clip(subject.train_m / scale_m, 0, 1)))
-        return [{**about, **row} for row in judge_cases(s2s, find_member(name, weights), cases)]
+        model, sets = find_member(name, weights), {"sim": cases}
+        if self.parameters.real:
+            sets["real"] = find_cases(self.place.data, self.parameters.real)
+        constant = float(np.median(np.clip(subject.train_m / scale_m, 0, 1)))
+        about: Row = {"model": name, "seed": int(seed), "stage": "s2s", "method": "s2s", "trials": 0}
+        return [
+            {**about, "set": where, "constant": constant, **row}
+            for where, judged in sets.items()
+            for row in judge_cases(s2s, model, judged)
+        ]
 
 
 def find_subject(dataset: Dataset, name: str, weights: Mapping[str, Path]) -> Subject:

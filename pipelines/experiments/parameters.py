@@ -41,20 +41,20 @@ class Parameters(BaseModel, extra="forbid", frozen=True):
 
 
 class Cases(BaseModel, extra="forbid", frozen=True):
-    """Where cases come from: a split of a data set, or a folder of trials.
+    """Where cases come from: a split of a data set, or folders of trials.
 
     Attributes:
         data: Name of a data set; empty if trials are taken.
         split: Which part of it.
         per_state: Whether only the first sample of each state is taken.
-        trials: A folder of case files below the data sets, for instance ``real-v1/test``.
+        trials: Folders of case files below the data sets, for instance ``real-v1/test``, one after the other.
         count: The number of cases, evenly spread; None: all.
     """
 
     data: str = ""
     split: Literal["train", "test"] = "test"
     per_state: bool = False
-    trials: str = ""
+    trials: tuple[str, ...] = ()
     count: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
@@ -64,9 +64,9 @@ class Cases(BaseModel, extra="forbid", frozen=True):
         return self
 
     @property
-    def source(self) -> str:
-        """Return the name of the data set or of the folder of trials."""
-        return self.data or self.trials.partition("/")[0]
+    def sources(self) -> frozenset[str]:
+        """Return the names of data sets and folders of trials."""
+        return frozenset(name.partition("/")[0] for name in (self.data, *self.trials) if name)
 
 
 class Against(BaseModel, extra="forbid", frozen=True):
@@ -89,8 +89,8 @@ class OnCases(Parameters, frozen=True):
 
     @property
     def needed(self) -> frozenset[str]:
-        """Return the name of the data set or folder of trials."""
-        return frozenset({self.cases.source})
+        """Return the names of data sets and folders of trials."""
+        return self.cases.sources
 
 
 class ModelErrors(OnCases, frozen=True):
@@ -131,6 +131,7 @@ class Examples(OnCases, frozen=True):
         method: What optimises.
         regions: The first target of each region is taken, see `pipelines.evaluate.regions`.
         evaluations: Evaluations of an optimisation.
+        executed: Whether the achieved scene is seen in the world's stand-in instead of simulated by the trusted model.
     """
 
     kind: Literal["examples"] = "examples"
@@ -138,18 +139,21 @@ class Examples(OnCases, frozen=True):
     method: str = "threshold"
     regions: tuple[str, ...] = Field(min_length=1)
     evaluations: int = Field(default=50, ge=1, le=5000)
+    executed: bool = False
 
 
 class MdeErrors(OnCases, frozen=True):
-    """What MDEs say about simulated test samples.
+    """What S2S MDEs say about simulated test samples and about trials.
 
     Attributes:
+        real: Trials that they are also asked about.
         models: Whose MDEs.
         trainings: Seeds of the trainings; released weights are taken where they were trained like this.
         epochs: Passes over the data, None: the usual number.
     """
 
     kind: Literal["mdes"] = "mdes"
+    real: Cases | None = None
     models: tuple[str, ...] = Field(min_length=1)
     trainings: tuple[int, ...] = Field(default=(0, 1, 2), min_length=1)
     epochs: int | None = Field(default=None, ge=1)
@@ -158,6 +162,11 @@ class MdeErrors(OnCases, frozen=True):
     def seeds(self) -> tuple[int, ...]:
         """Return the seeds of the trainings."""
         return self.trainings
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """Return the names of data sets and folders of trials."""
+        return self.cases.sources | (self.real.sources if self.real else frozenset())
 
 
 AnyParameters = Annotated[ModelErrors | Optimisations | Examples | MdeErrors, Field(discriminator="kind")]

@@ -15,17 +15,14 @@ def ensure(name: str, data: Path, *, workers: int) -> None:
     Raises:
         RequestError: Nobody knows how to make it.
     """
-    if is_there(name, data):
+    if (data / name / "card.json").is_file():
         return
     if name not in ASSETS:
+        if any((data / name).glob("*/*.npz")):
+            return
         raise RequestError(f"{data / name}: expected a data set or trials of this name, got none")
     say(f"making {data / name}")
     ASSETS[name](name, data, workers)
-
-
-def is_there(name: str, data: Path) -> bool:
-    """Return whether a complete data set, or a folder with trials, is there."""
-    return (data / name / "card.json").is_file() or any((data / name).glob("*/*.npz"))
 
 
 def _narrow(name: str, data: Path, workers: int) -> None:
@@ -36,5 +33,12 @@ def _narrow(name: str, data: Path, workers: int) -> None:
         ctx.invoke(generate, name=name, out=data, preset="narrow", train=1000, test=300, workers=workers)
 
 
-ASSETS: dict[str, Callable[[str, Path, int], None]] = {"narrow-v1": _narrow}
+def _real(name: str, data: Path, workers: int) -> None:
+    """Make the trials in the world's stand-in."""
+    from services.cli.data_real import make_real
+
+    make_real(data / name, workers=workers)
+
+
+ASSETS: dict[str, Callable[[str, Path, int], None]] = {"narrow-v1": _narrow, "real-v1": _real}
 """Name -> function of (name, folder of the data sets, processes) that makes it."""

@@ -25,7 +25,7 @@ about = "The heuristic evaluates {heuristic.heuristic} actions."
 
 [measurements.optimise]
 kind = "optimise"
-cases = { trials = "tiny-v1/test" }
+cases = { trials = ["tiny-v1/test"] }
 family = ["heuristic"]
 methods = ["only:heuristic"]
 evaluations = 4

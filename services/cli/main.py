@@ -22,6 +22,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "bench": ("services.cli.bench:bench", "Measure the simulator and the optimiser, with others beside them."),
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
+    "models": ("services.cli.models:models", "Versions of weights: list, promote, roll back, while workers serve."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),
     "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),

@@ -17,10 +17,14 @@ def real(*, name: str, workers: int) -> None:
     A case file each, in data/NAME/train, test and more; data/NAME/pool has six actions on each of 40 tables, for the
     choice of actions. A run that was interrupted is gone on with.
     """
+    make_real(Path("data") / name, workers=workers)
+
+
+def make_real(folder: Path, *, workers: int) -> None:
+    """Make the trials that are missing in a folder."""
     from pipelines.data.local import local_processes
     from pipelines.data.real import COUNTS, generate_real
 
-    folder = Path("data") / name
     with bars() as progress, local_processes(workers) as processes:
         row = progress.add_task("tables", total=sum(COUNTS.values()))
         generate_real(folder, processes, report=lambda done: progress.update(row, completed=done))

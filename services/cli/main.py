@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
     "models": ("services.cli.models:models", "Versions of weights: list, promote, roll back, while workers serve."),
+    "report": ("services.cli.report:report", "Write the paper's tables and figures, ours beside them."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),
     "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),

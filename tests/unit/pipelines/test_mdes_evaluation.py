@@ -9,9 +9,9 @@ import pytest
 from common.storage.dataset import Dataset
 from common.tasks import TASKS
 from pipelines.evaluate.accept_maps import accept_maps, read_map, write_map
-from pipelines.evaluate.table2 import table2
-from pipelines.evaluate.table2_figures import draw_accept_maps, draw_reliability
-from pipelines.evaluate.table2_runs import Judgement, Run, find_weights, judge, read_runs, write_runs
+from pipelines.evaluate.mdes import mdes_table
+from pipelines.evaluate.mdes_figures import draw_accept_maps, draw_reliability
+from pipelines.evaluate.mdes_runs import Judgement, Run, find_weights, judge, read_runs, write_runs
 from pipelines.figures import save_figure
 from pipelines.mde.examples import deviation_scale
 from pipelines.mde.subject import Subject
@@ -85,7 +85,7 @@ def test_runs_survive_the_disk(runs: tuple[Run, ...], tmp_path: Path):
 
 
 def test_the_table_has_every_figure_by_model_and_variant_ready_for_json(runs: tuple[Run, ...]):
-    table = json.loads(json.dumps(table2(runs)))
+    table = json.loads(json.dumps(mdes_table(runs)))
     assert set(table) == {"heuristic"}
     assert set(table["heuristic"]) == {"crop", "crop_upper", "paper", "paper_upper"}
     for figures in table["heuristic"].values():
@@ -104,7 +104,7 @@ def a_run(seed: int, means: list[float]) -> Run:
 
 
 def test_figures_are_means_over_seeds_with_their_spread():
-    entry = table2([a_run(0, [0.1, 0.3, 0.6, 0.9]), a_run(1, [0.3, 0.3, 0.2, 0.5])])["learned"]
+    entry = mdes_table([a_run(0, [0.1, 0.3, 0.6, 0.9]), a_run(1, [0.3, 0.3, 0.2, 0.5])])["learned"]
     assert entry["crop"]["mae"] == pytest.approx((0 + 0.25) / 2)
     assert entry["crop"]["mae_std"] == pytest.approx(np.std([0.0, 0.25], ddof=1))
     assert entry["crop"]["median_baseline_mae"] == pytest.approx((0.4 + 0.2 + 0.1 + 0.4) / 4)

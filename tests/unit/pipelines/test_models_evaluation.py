@@ -7,9 +7,8 @@ import pytest
 
 from common.domain.grid import Grid
 from common.storage.dataset import Dataset
-from pipelines.evaluate.regions import region
-from pipelines.evaluate.table1 import table1
-from pipelines.evaluate.table1_runs import (
+from pipelines.evaluate.models import models_table
+from pipelines.evaluate.models_runs import (
     BATCH,
     Latency,
     Measurement,
@@ -19,6 +18,7 @@ from pipelines.evaluate.table1_runs import (
     time_batches,
     write_rows,
 )
+from pipelines.evaluate.regions import region
 from services.heuristic import HeuristicModel
 from tests.mde_fakes import Sinking, write_dataset
 
@@ -100,7 +100,7 @@ def test_the_table_has_means_spreads_and_ratios_by_part():
         row("simulator", 1, 0.0005, rigid=True, region="fries", reference="simulator_fine", time_s=0.3),
         Latency("learned", 8, tuple(0.001 * k for k in range(1, 102))),
     ]
-    table = table1(rows)
+    table = models_table(rows)
     heuristic, learned, simulator = (table[name] for name in ("heuristic", "learned", "simulator"))
     assert (heuristic["rmse_m"], heuristic["rmse_std_m"]) == (pytest.approx(0.003), pytest.approx(0.001))
     assert learned["ratio"] == pytest.approx(1 / 3)

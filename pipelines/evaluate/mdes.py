@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.evaluate.table2_runs import Run
+from pipelines.evaluate.mdes_runs import Run
 from pipelines.mde.scores import acceptance, coverage, mean_absolute_error, spearman
 
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4)
 """Other values of d_max that are told of."""
 
 
-def table2(runs: Iterable[Run]) -> dict[str, dict[str, dict[str, Any]]]:
+def mdes_table(runs: Iterable[Run]) -> dict[str, dict[str, dict[str, Any]]]:
     """Return figures by model and variant, means over the seeds.
 
     Of each network there are two variants: its estimate, and ``<network>_upper``, its calibrated upper bound in place

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.evaluate.models_runs import Latency, Measurement
 from pipelines.evaluate.regions import REGIONS
-from pipelines.evaluate.table1_runs import Latency, Measurement
 
 PARTS: dict[str, Callable[[Measurement], bool]] = {
     **{name: lambda row, name=name: row.region == name for name in REGIONS},
@@ -16,7 +16,7 @@ PARTS: dict[str, Callable[[Measurement], bool]] = {
 """Parts of the test samples that are told of: by region, then by material."""
 
 
-def table1(rows: Iterable[Measurement | Latency]) -> dict[str, dict[str, Any]]:
+def models_table(rows: Iterable[Measurement | Latency]) -> dict[str, dict[str, Any]]:
     """Return figures by model: mean and spread of the samples' RMSE [m], over all and by part, and times [s].
 
     ``ratio`` is a model's mean over the heuristic's on the same samples, None where there are none.

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from common.domain.heightmap import shift
 from pipelines.evaluate.accept_maps import AcceptMap
-from pipelines.evaluate.table2 import column
-from pipelines.evaluate.table2_runs import Run
+from pipelines.evaluate.mdes import column
+from pipelines.evaluate.mdes_runs import Run
 from pipelines.figures import CM, MODEL_STYLES, OTHER_STYLES
 
 BINS = 8

@@ -1,4 +1,4 @@
-"""``frugal evaluate table2``."""
+"""``frugal evaluate mdes``."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_
 @click.option("--epochs", type=click.IntRange(1, 10_000), help="Passes over the data [default: the variant's].")
 @COVERAGE
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/table2"), show_default=True, help="Weights and results."
+    "--out", type=click.Path(path_type=Path), default=Path("out/mdes"), show_default=True, help="Weights and results."
 )
 @click.option("--maps", type=click.IntRange(0, 50), default=0, show_default=True, help="Scenes to draw accept maps of.")
 @click.option(
@@ -37,7 +37,7 @@ COLUMNS = ("mae", "mae_std", "median_baseline_mae", "spearman", "auroc", "false_
 )
 @click.option("--released", "as_released", is_flag=True, help="Judge the released weights alone; nothing is trained.")
 @click.option("--json", "as_json", is_flag=True, help="All figures as JSON on standard output.")
-def table2(
+def mdes(
     *,
     data: Path,
     models: tuple[str, ...],
@@ -57,9 +57,9 @@ def table2(
     ask the simulator about every action of a grid.
     """
     from common.storage.dataset import Dataset
-    from pipelines.evaluate.table2 import table2 as tabulate
-    from pipelines.evaluate.table2_figures import draw_reliability
-    from pipelines.evaluate.table2_runs import Run, judge, write_runs
+    from pipelines.evaluate.mdes import mdes_table
+    from pipelines.evaluate.mdes_figures import draw_reliability
+    from pipelines.evaluate.mdes_runs import Run, judge, write_runs
     from pipelines.figures import save_figure
     from pipelines.mde.examples import deviation_scale
     from pipelines.mde.train import default_settings
@@ -84,16 +84,16 @@ def table2(
                         chosen[subject.name] = folder
                     chosen.setdefault(subject.name, folder)
         write_runs(out / "judgements.jsonl", runs)
-        table = tabulate(runs)
+        table = mdes_table(runs)
         if maps:
             draw_maps(dataset, chosen, out, scenes=maps, count=map_actions, progress=progress)
     save_figure(draw_reliability(runs), out / "reliability")
-    (out / "table2.json").write_text(json.dumps(table, indent=2) + "\n")
+    (out / "mdes.json").write_text(json.dumps(table, indent=2) + "\n")
     if as_json:
         click.echo(json.dumps(table, indent=2))
     else:
         show(table)
-    say(f"written: {out / 'judgements.jsonl'}, {out / 'table2.json'}, {out / 'reliability.png'}")
+    say(f"written: {out / 'judgements.jsonl'}, {out / 'mdes.json'}, {out / 'reliability.png'}")
 
 
 def find_or_train(
@@ -105,7 +105,7 @@ def find_or_train(
     progress: "Progress",
 ) -> Path:
     """Return the folder of weights with these settings; they are trained where there are none."""
-    from pipelines.evaluate.table2_runs import find_weights
+    from pipelines.evaluate.mdes_runs import find_weights
     from services.cli.released import released
 
     epochs = settings.members * settings.training.epochs
@@ -130,7 +130,7 @@ def draw_maps(
     from common.learning.weights import read_card
     from common.tasks import TASKS
     from pipelines.evaluate.accept_maps import accept_maps, write_map
-    from pipelines.evaluate.table2_figures import draw_accept_maps
+    from pipelines.evaluate.mdes_figures import draw_accept_maps
     from pipelines.figures import save_figure
     from services.cli.train_mde import find_served
     from services.mde.estimator import read_estimator

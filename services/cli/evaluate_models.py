@@ -1,4 +1,4 @@
-"""``frugal evaluate table1``."""
+"""``frugal evaluate models``."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from services.cli.progress import bars
 from services.cli.train_mde import DATA
 
 if TYPE_CHECKING:
-    from pipelines.evaluate.table1_runs import Latency, Measurement
+    from pipelines.evaluate.models_runs import Latency, Measurement
 
 
 @click.command()
@@ -26,33 +26,33 @@ if TYPE_CHECKING:
 )
 @click.option("--states", type=click.IntRange(1, 100_000), default=40, show_default=True, help="States for the times.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/table1"), show_default=True, help="Raw results."
+    "--out", type=click.Path(path_type=Path), default=Path("out/models"), show_default=True, help="Raw results."
 )
 @click.option("--json", "as_json", is_flag=True, help="All figures as JSON on standard output.")
-def table1(*, data: Path, learned: Path | None, fine: int, states: int, out: Path, as_json: bool) -> None:
+def models(*, data: Path, learned: Path | None, fine: int, states: int, out: Path, as_json: bool) -> None:
     """Measure the models on the test samples: Table I, first row, by region and material too.
 
     The RMSE of a sample is over the whole grid; the table has its mean and spread over the samples. Heuristic and
     learned model are compared with the data set's outcomes, the simulator with its fine level.
     """
-    from pipelines.evaluate.table1 import table1 as tabulate
-    from pipelines.evaluate.table1_runs import write_rows
+    from pipelines.evaluate.models import models_table
+    from pipelines.evaluate.models_runs import write_rows
 
     rows = run(data, learned, fine=fine, states=states)
     write_rows(out / "measurements.jsonl", rows)
-    table = tabulate(rows)
-    (out / "table1.json").write_text(json.dumps(table, indent=2) + "\n")
+    table = models_table(rows)
+    (out / "models.json").write_text(json.dumps(table, indent=2) + "\n")
     if as_json:
         click.echo(json.dumps(table, indent=2))
     else:
         show(table)
-    say(f"written: {out / 'measurements.jsonl'}, {out / 'table1.json'}")
+    say(f"written: {out / 'measurements.jsonl'}, {out / 'models.json'}")
 
 
 def run(data: Path, learned: Path | None, *, fine: int, states: int) -> "list[Measurement | Latency]":
     """Return the raw results of all models."""
     from common.storage.dataset import Dataset
-    from pipelines.evaluate.table1_runs import measure, measure_pair, time_batches
+    from pipelines.evaluate.models_runs import measure, measure_pair, time_batches
     from services.cli.released import released
     from services.heuristic import HeuristicModel
     from services.learned.load import load_learned

@@ -32,9 +32,9 @@ def find_member(name: str, weights: Mapping[str, Path]) -> PredictiveModel:
     if name == "heuristic":
         return HeuristicModel()
     if name.partition("_")[0] == "learned" and name in weights:
-        from services.learned.model import LearnedModel
+        from services.learned.load import load_learned
 
-        return LearnedModel.load(weights[name])
+        return load_learned(weights[name])
     if name not in LEVELS:
         known = ("heuristic", *(one for one in weights if one.startswith("learned")), *LEVELS)
         raise RequestError(f"model: expected one of {', '.join(known)}, got {name!r}")

@@ -9,9 +9,14 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 """The released weights of a checkout."""
 
 
+def models_folder() -> Path:
+    """Return the folder of all weights: FRUGAL_MODELS if that is set, else the checkout's ``models``."""
+    return Path(os.environ.get("FRUGAL_MODELS") or MODELS)
+
+
 def registry() -> Registry:
-    """Return all weights and their versions: in FRUGAL_MODELS if that is set, else in the checkout's ``models``."""
-    return Registry(Path(os.environ.get("FRUGAL_MODELS") or MODELS))
+    """Return all weights and their versions."""
+    return Registry(models_folder())
 
 
 def released(name: str) -> Path:

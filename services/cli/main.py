@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("services.cli.simulate:simulate", "Simulate one placement and draw it on its way to rest."),
     "bench": ("services.cli.bench:bench", "Measure the simulator and the optimiser, with others beside them."),
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
+    "finetune": ("services.cli.finetune:finetune", "Fine-tune MDEs on real trials, and choose the next trial."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
     "models": ("services.cli.models:models", "Versions of weights: list, promote, roll back, while workers serve."),
     "report": ("services.cli.report:report", "Write the paper's tables and figures, ours beside them."),

@@ -104,7 +104,8 @@ def _fit(known: Points, residuals: Values, scale: float, noise: float) -> tuple[
 
 def _factor(known: Points, scale: float, noise: float) -> Values:
     count = len(known.estimates)
-    return np.linalg.cholesky(_kernel(known.described, known.described, scale) + noise * np.eye(count))
+    covariance = _kernel(known.described, known.described, scale) + noise * np.eye(count)
+    return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
 
 
 def _kernel(points: Values, others: Values, scale: float) -> Values:

@@ -97,6 +97,8 @@ class _Choosing:
                 about: Row = {"model": parameters.model, "method": acquisition, "trials": count, "seed": int(seed)}
                 tuned = subject.tuned(np.sort(chosen), method="last", seed=int(seed))
                 rows += [{**about, **row} for row in tuned]
+            if count == max(parameters.counts):
+                break
             left = [index for index in range(len(pairs)) if index not in chosen]
             belief = belief_of(
                 base,

@@ -17,8 +17,8 @@ from pipelines.experiments.view_mdes import UNIT
 def learning_curves(experiment: Experiment, results: Mapping[str, Raw]) -> Shown:
     """Return ``<key>.<trials>``, the mean absolute error on the test trials over samples and seeds, for each series.
 
-    ``difference.<key>.<trials>`` is the first series minus that one, paired by seed and sample; ``reached.<key>`` is the
-    fewest trials with which it is as good as the first series with its most.
+    ``difference.<key>.<trials>`` is the first series minus that one, paired by seed and sample. ``reached.<key>`` is
+    the fewest trials with which it is as good as the first series with its most.
 
     Raises:
         RequestError: A series has no raw results.

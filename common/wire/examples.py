@@ -17,6 +17,8 @@ from common.wire.messages import (
     EstimateReply,
     EstimateRequest,
     Health,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
 )
@@ -107,6 +109,8 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="e5f6",
             compute_s=0.004,
         ),
+        LoadRequest(id="request-6", card=b'{"name": "mde_heuristic"}', tensors=b"\x00\x01"),
+        LoadReply(model="heuristic", version="1-s2r", previous="1", weights="0" * 64, instance="e5f6"),
         example_optimization(),
         OptimizeReply(
             id="request-3",

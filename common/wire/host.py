@@ -122,6 +122,10 @@ class Host:
         self._board.close()
         return not any(thread.is_alive() for thread in self._threads)
 
+    def update_card(self, **changes: object) -> None:
+        """Change what the card says, the version for instance."""
+        self._card = self._card.model_copy(update=changes)
+
     def card(self) -> Card:
         """Return the worker's card with the costs measured so far."""
         return self._card.model_copy(update={"cost": self._meter.costs()})

@@ -11,7 +11,7 @@ from common.domain.deviation import Estimates
 from common.domain.errors import ERRORS, FrugalError
 from common.domain.model import Predictions
 from common.domain.scene import State
-from common.wire.array import Array
+from common.wire.array import Array, Data
 from common.wire.keys import NAME_PATTERN, VERSION, Role
 from common.wire.state import GridMessage, StateMessage
 
@@ -116,7 +116,7 @@ class EstimateReply(Reply):
     )
 
     @classmethod
-    def of(cls, estimates: Estimates, *, model: str, version: str, instance: str, compute_s: float) -> Self:
+    def of(cls, estimates: Estimates, *, model: str, instance: str, compute_s: float) -> Self:
         """Return an estimator's answer as a message."""
         return cls(
             mean=Array.of(estimates.mean),
@@ -125,10 +125,27 @@ class EstimateReply(Reply):
             reason=estimates.reason,
             scale_m=estimates.scale_m,
             model=model,
-            version=version,
+            version=estimates.version,
             instance=instance,
             compute_s=compute_s,
         )
+
+
+class LoadRequest(Request):
+    """Gives a worker other weights to answer with from now on: a card as JSON, and the tensors that it tells of."""
+
+    card: Data = Field(description="card.json of the weights.")
+    tensors: Data = Field(description="weights.safetensors.")
+
+
+class LoadReply(Reply):
+    """The worker answers with the new weights; every request is answered by one version, and says which."""
+
+    model: str
+    version: str = Field(description="Version from now on.")
+    previous: str = Field(description="Version until now.")
+    weights: Digest = Field(description="SHA-256 of the weights.")
+    instance: str
 
 
 class Cost(Reply):

@@ -139,6 +139,7 @@ class RemoteEstimator(DeviationEstimator):
             compute_s=min(reply.compute_s, answer.seconds),
             events=answer.events,
             scale_m=reply.scale_m,
+            version=reply.version,
         )
 
 

@@ -20,6 +20,8 @@ from common.wire.messages import (
     EstimateReply,
     EstimateRequest,
     Health,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
 )
@@ -35,6 +37,8 @@ MESSAGES: Mapping[str, type[BaseModel]] = {
         PredictReply,
         EstimateRequest,
         EstimateReply,
+        LoadRequest,
+        LoadReply,
         OptimizeRequest,
         OptimizeReply,
         Progress,

@@ -1,6 +1,7 @@
 """Predictive models and estimators as workers."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ from common.wire.messages import (
     Card,
     EstimateReply,
     EstimateRequest,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
     StateRequest,
@@ -30,6 +33,8 @@ from common.wire.state import GridMessage
 from common.wire.states import StateCache
 
 Work = tuple[State, NDArray[np.float64]]
+Loader = Callable[[bytes, bytes], tuple[DeviationEstimator, str]]
+"""Makes an estimator from a card and tensors, and tells the weights' SHA-256; raises `ModelError` if they are wrong."""
 
 
 def host_model(
@@ -94,21 +99,33 @@ def host_estimator(
     device: str = "cpu",
     grid: Grid | None = None,
     parameters: tuple[str, ...] = (),
-    queue_length: int = 16,
+    queue_length: int = 1024,
+    load: Loader | None = None,
 ) -> Host:
-    """Return a worker that estimates deviations; arguments as in `host_model`."""
+    """Return a worker that estimates deviations; arguments as in `host_model`.
+
+    With ``load``, which makes an estimator and its weights' SHA-256 from a card and tensors, the worker takes other
+    weights over while it serves: requests that are computed after that, those that wait too, are answered with them.
+    """
     meter, name = CostMeter(), instance or new_id()[:8]
+    serving = [estimator]
 
     def estimate(work: Work, call: Call) -> EstimateReply:
         state, actions = work
         began = time.perf_counter()
-        estimates = estimator.estimate(state, actions)
+        estimates = serving[0].estimate(state, actions)
         compute_s = time.perf_counter() - began
         meter.record(len(actions), compute_s)
-        reply = EstimateReply.of(
-            estimates, model=estimator.model, version=estimator.version, instance=name, compute_s=compute_s
-        )
+        reply = EstimateReply.of(estimates, model=estimator.model, instance=name, compute_s=compute_s)
         return reply.model_copy(update={"load": call.waiting()})
+
+    def take_over(request: LoadRequest, call: Call) -> LoadReply:
+        del call
+        assert load is not None
+        found, digest = load(request.card, request.tensors)
+        previous, serving[0] = serving[0].version, found
+        host.update_card(version=found.version, weights=digest)
+        return LoadReply(model=found.model, version=found.version, previous=previous, weights=digest, instance=name)
 
     card = Card(
         task=task,
@@ -122,8 +139,11 @@ def host_estimator(
         largest_batch=estimator.largest_batch,
         parameters=_parameters(parameters, estimator.takes),
     )
-    endpoint = Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)
-    return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
+    endpoints = [Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)]
+    if load is not None:
+        endpoints.append(Endpoint("load", LoadRequest, take_over))
+    host = Host(session, card, endpoints, queue_length=queue_length, meter=meter)
+    return host
 
 
 class Preparation:

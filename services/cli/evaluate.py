@@ -123,11 +123,11 @@ def _evaluate(ctx: click.Context, names: Sequence[str] | None, *, workers: int, 
     from pipelines.experiments.experiment import read_experiment
     from pipelines.experiments.place import Place
     from services.cli.evaluate_experiments import evaluate_experiments
-    from services.cli.released import released
+    from services.cli.released import models_folder
 
     found = sorted((read_experiment(path) for path in _files(ctx)), key=lambda one: one.order)
     chosen = [one for one in found if (one.in_all if names is None else one.name in names)]
-    evaluate_experiments(chosen, Place(released("."), data, raw, workers))
+    evaluate_experiments(chosen, Place(models_folder(), data, raw, workers))
 
 
 def _list(ctx: click.Context) -> None:

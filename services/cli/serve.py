@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from common.domain.deviation import DeviationEstimator
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
@@ -107,15 +108,26 @@ def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> No
     from common.wire.run import run_host
     from common.wire.serve import host_estimator
     from services.cli.released import released
-    from services.mde.estimator import read_estimator
+    from services.mde.estimator import parse_estimator, read_estimator
 
     served = read_estimator(weights or released(f"mde_{estimated}"), model=estimated, threads=1)
     chosen = TASKS[task]
     adapted = chosen.adapt_estimator(served)
+
+    def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
+        found = parse_estimator(card, tensors, model=estimated, grid=served.grid)
+        return chosen.adapt_estimator(found), found.weights
+
     sys.exit(
         run_host(
             lambda session: host_estimator(
-                session, adapted, task=task, instance=instance, weights=served.weights, parameters=chosen.names
+                session,
+                adapted,
+                task=task,
+                instance=instance,
+                weights=served.weights,
+                parameters=chosen.names,
+                load=load,
             ),
             WireSettings(),
         )

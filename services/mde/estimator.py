@@ -11,8 +11,10 @@ import torch
 from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator, Estimates
+from common.domain.errors import ModelError
+from common.domain.grid import Grid
 from common.domain.scene import State
-from services.mde.ensemble import Calibrated, Inference, load_ensemble
+from services.mde.ensemble import Calibrated, Inference, load_ensemble, parse_ensemble
 from services.mde.network import Encoding, inputs
 
 STATES = 32
@@ -41,6 +43,7 @@ class NetworkEstimator(DeviationEstimator):
 
     Attributes:
         weights: SHA-256 of the weights in hex.
+        grid: The grid of the training data.
 
     Args:
         calibrated: The loaded weights.
@@ -52,6 +55,7 @@ class NetworkEstimator(DeviationEstimator):
         self.model = calibrated.card.name.removeprefix("mde_")
         self.version = calibrated.card.version
         self.weights = calibrated.card.sha256
+        self.grid = calibrated.familiarity.grid
         self._calibrated = calibrated
         self._scale_m = calibrated.card.deviation_scale_m
         self._inference = Inference(calibrated.ensemble)
@@ -117,3 +121,15 @@ def read_estimator(folder: Path, *, model: str, threads: int | None = None) -> N
     if threads is not None:
         torch.set_num_threads(threads)
     return NetworkEstimator(load_ensemble(folder, model=model))
+
+
+def parse_estimator(card_json: bytes, tensors: bytes, *, model: str, grid: Grid) -> NetworkEstimator:
+    """Return the MDE of a model from the bytes of its card and its weights.
+
+    Raises:
+        ModelError: As in `read_estimator`, or the weights are of another grid.
+    """
+    found = parse_ensemble(card_json, tensors, model=model, where=f"mde_{model}")
+    if found.familiarity.grid != grid:
+        raise ModelError(f"mde_{model}: expected weights for {grid}, got some for {found.familiarity.grid}")
+    return NetworkEstimator(found)

@@ -337,7 +337,7 @@ class Directory:
 
 def describe(role: Role, model: str | None) -> str:
     """Return what a worker is called in messages."""
-    return {"model": f"model {model}", "mde": f"MDE of {model}", "orchestrator": "orchestrator"}[role]
+    return {"model": f"model {model}", "mde": f"MDE of {model}"}.get(role, role)
 
 
 def _takes(card: Card | None, grid: Grid | None) -> bool:

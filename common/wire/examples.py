@@ -19,6 +19,7 @@ from common.wire.messages import (
     PredictRequest,
 )
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.report import TrialReply, TrialReport
 from common.wire.state import GridMessage, StateMessage
 
 SMALL, SERVABLE = Grid(4, 6, 0.01), Grid(16, 16, 0.01)
@@ -53,6 +54,20 @@ def example_optimization() -> OptimizeRequest:
         bounds=((-0.04, 0.04), (-0.03, 0.03)),
         strategy="only:heuristic",
         evaluations=30,
+    )
+
+
+def example_report() -> TrialReport:
+    """Return a report that a recorder takes: the item one cell to the right and below, on what lies there."""
+    state = example_state(SERVABLE)
+    outcome = state.scene.heights + np.roll(state.item.heights, (-1, 1), axis=(0, 1))
+    return TrialReport(
+        id="trial-1",
+        robot="arm-1",
+        state=StateMessage.of(state),
+        action=(0.01, -0.01),
+        outcome=Array.of(outcome),
+        notes="gripper slipped a little",
     )
 
 
@@ -115,6 +130,15 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="0a0b",
         ),
         Progress(kind="trial", id="request-3", index=1, time=0.53, trial=trial),
+        example_report(),
+        TrialReply(
+            id="trial-1",
+            task="plating",
+            robot="arm-1",
+            digest="0" * 64,
+            number=1,
+            file=f"000001-arm-1-{'0' * 12}.npz",
+        ),
         Card(
             task="plating",
             role="model",

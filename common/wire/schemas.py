@@ -24,6 +24,7 @@ from common.wire.messages import (
     PredictRequest,
 )
 from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
+from common.wire.report import TrialReply, TrialReport
 
 FOLDER = Path(__file__).parents[2] / "proto_schemas"
 REFRESH = "python -m common.wire.schemas"
@@ -37,6 +38,8 @@ MESSAGES: Mapping[str, type[BaseModel]] = {
         OptimizeRequest,
         OptimizeReply,
         Progress,
+        TrialReport,
+        TrialReply,
         Card,
         Health,
         CancelReply,

@@ -98,7 +98,9 @@ class TrialStore:
 
     def close(self) -> None:
         """Let others write to the folder."""
-        os.close(self._descriptor)
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
 
     def append(self, trial: ExecutedTrial) -> RecordedTrial:
         """Return where a trial is kept, once it is on disk. The same report again gets the same answer.

@@ -78,11 +78,11 @@ def parse_address(key: str) -> tuple[Address, str]:
     if not key.startswith(f"{ROOT}/"):
         raise RequestError(f"expected a key under {ROOT}, got {key[:200]!r}")
     task, *rest = key.removeprefix(f"{ROOT}/").split("/")
-    role = next((role for role in ROLES if [role] == rest[:1]), None)
-    if role is not None and role in MODEL_ROLES and len(rest) >= 4:
-        return Address(task, role, rest[1], rest[2]), "/".join(rest[3:])
-    if role is not None and role not in MODEL_ROLES and len(rest) >= 3:
-        return Address(task, role, None, rest[1]), "/".join(rest[2:])
+    for role in ROLES:
+        names = 2 if role in MODEL_ROLES else 1
+        if rest[:1] == [role] and len(rest) >= names + 2:
+            model = rest[1] if names == 2 else None
+            return Address(task, role, model, rest[names]), "/".join(rest[names + 1 :])
     raise RequestError(f"expected a worker's key, got {key[:200]!r}")
 
 

@@ -8,6 +8,8 @@ from common.wire.array import Array
 from common.wire.messages import Digest, Name, Reply, Request
 from common.wire.state import StateMessage
 
+LONGEST_NOTES = 1000
+
 
 class TrialReport(Request):
     """Reports an action that a robot executed. The same ``id`` and content again get the same answer again."""
@@ -18,7 +20,7 @@ class TrialReport(Request):
         description="The parameters of the executed action, (x, y) [m] for plating, for plating_yaw also yaw [rad]."
     )
     outcome: Array = Field(description="The surface (H, W) after the action, on the state's grid [m].")
-    notes: str = Field(default="", max_length=1000, description="Anything worth knowing later.")
+    notes: str = Field(default="", max_length=LONGEST_NOTES, description="Anything worth knowing later.")
 
 
 class TrialReply(Reply):

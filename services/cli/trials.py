@@ -119,7 +119,7 @@ def report(*, file: Path, robot: str, report_id: str | None, as_json: bool) -> N
     from common.wire.client import report_trial
     from common.wire.keys import check_name
     from common.wire.messages import new_id
-    from common.wire.report import TrialReport
+    from common.wire.report import LONGEST_NOTES, TrialReport
     from common.wire.session import open_session
     from common.wire.settings import WireSettings
     from common.wire.state import StateMessage
@@ -132,7 +132,7 @@ def report(*, file: Path, robot: str, report_id: str | None, as_json: bool) -> N
         state=StateMessage.of(case.state),
         action=case.reference_action,
         outcome=Array.of(case.target),
-        notes=case.notes,
+        notes=case.notes[:LONGEST_NOTES],
     )
     with open_session(WireSettings()) as session:
         reply = report_trial(session, message, task=case.task, robot=robot)

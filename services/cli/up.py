@@ -71,7 +71,7 @@ def check_free(settings: WireSettings) -> None:
 
 
 def start_system(crew: Crew, *, simulators: int, task: str = "plating", has_recorder: bool = False) -> Counter[str]:
-    """Start every process, a recorder of trials only if wanted, and return how many workers of each name there will be."""
+    """Start every process, a recorder only if wanted, and return how many workers of each name there will be."""
 
     def start(name: str, *arguments: str) -> None:
         crew.start(name, *arguments, "--task", task)

@@ -26,7 +26,7 @@ class Parameters(BaseModel, extra="forbid", frozen=True):
 
     def about(self) -> dict[str, Any]:
         """Return kind, parameters and seeds as raw results have them, and the version of this package."""
-        parameters = self.model_dump(mode="json", exclude_defaults=True, exclude={"kind"})
+        parameters = self.model_dump(mode="json", exclude={"kind"})
         return {"kind": self.kind, "parameters": parameters, "seeds": list(self.seeds), "version": version("frugal")}
 
     @property

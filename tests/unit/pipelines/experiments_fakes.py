@@ -23,11 +23,42 @@ def raw(rows: Sequence[Row], *, parameters: Any = None, seeds: Sequence[int] = (
 
 def results(experiment: Experiment) -> Mapping[str, Raw]:
     """Return made-up raw results of every measurement of an experiment."""
-    makers = {"models": model_rows, "optimise": optimisation_rows, "examples": example_rows, "mdes": mde_rows}
+    makers = {
+        "models": model_rows,
+        "optimise": optimisation_rows,
+        "examples": example_rows,
+        "mdes": mde_rows,
+        "sample_size": trial_rows,
+        "active": trial_rows,
+    }
     return {
         name: raw(makers[parameters.kind](parameters), parameters=parameters)
         for name, parameters in experiment.measurements.items()
     }
+
+
+def trial_rows(parameters: Any) -> list[Row]:
+    """Return what MDEs say about four trials, by way, number of trials and seed; more trials bring it nearer."""
+    ways = getattr(parameters, "methods", None) or parameters.acquisitions
+    grown = [(way, count) for way in ways for count in parameters.counts]
+    return [
+        {
+            "model": parameters.model,
+            "method": way,
+            "trials": count,
+            "seed": seed,
+            "sample": sample,
+            "group": sample // 2,
+            "truth": 0.5,
+            "mean": 0.5 + 0.3 / (1 + count) + 0.01 * place,
+            "upper": 0.9,
+            "familiar": True,
+            "constant": 0.4,
+        }
+        for place, (way, count) in enumerate([("s2s", 0), *grown] if hasattr(parameters, "methods") else grown)
+        for seed in parameters.seeds
+        for sample in range(4)
+    ]
 
 
 def model_rows(parameters: Any) -> list[Row]:

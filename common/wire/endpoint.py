@@ -46,6 +46,7 @@ class Endpoint:
         identity: What makes two requests the same, so that a retry gets the first answer again; None: always compute.
         aliases: Other keys that it answers on.
         unique_ids: Whether an id that is still in progress is refused.
+        apart: Whether it is computed on a thread of its own, so that neither waits for the other endpoints' requests.
     """
 
     leaf: str
@@ -55,3 +56,4 @@ class Endpoint:
     identity: Callable[[Any], Hashable | None] = anonymous
     aliases: tuple[Alias, ...] = ()
     unique_ids: bool = False
+    apart: bool = False

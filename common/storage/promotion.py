@@ -74,7 +74,7 @@ class Promotion:
         deadline = time.monotonic() + timeout_s
         while not self._workers():
             if time.monotonic() > deadline:
-                raise UnavailableError(f"expected a live worker of {self.name} within {timeout_s:g} s, got none")
+                raise UnavailableError(f"expected a live MDE of {self._model} within {timeout_s:g} s, got none")
             time.sleep(0.1)
 
     def _spread(self, version: Version) -> None:
@@ -98,7 +98,7 @@ class Promotion:
                     else:
                         self._give(self.session, worker.address, request)
             if not told:
-                self.say(f"no live worker of {self.name}: the next one that starts begins with it")
+                self.say(f"no live worker of the MDE of {self._model}: the next one that starts begins with it")
 
     def _give(self, session: Session, address: Address, request: LoadRequest) -> None:
         try:
@@ -147,6 +147,10 @@ class Promotion:
     @property
     def _kind(self) -> str:
         return self.name.rpartition("/")[2]
+
+    @property
+    def _model(self) -> str:
+        return self._kind.removeprefix(PREFIX)
 
 
 def _weights(worker: WorkerStatus) -> str | None:

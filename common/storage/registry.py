@@ -1,19 +1,22 @@
 """Versions of released weights on disk, and which of them is active."""
 
+import fcntl
 import hashlib
 import json
 import os
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from common.domain.errors import RequestError
+from common.domain.errors import RequestError, UnavailableError
 
 CARD, TENSORS = "card.json", "weights.safetensors"
-VERSIONS, ACTIVE = "versions", "active.json"
+VERSIONS, ACTIVE, LOCK = "versions", "active.json", ".lock"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}(/[A-Za-z0-9][A-Za-z0-9_.-]{0,63})?")
 
 
@@ -39,8 +42,8 @@ class Version:
 class Registry:
     """Weights below a folder: ``<name>/`` as released, ``versions/<name>/<version>/`` for what came later.
 
-    Which version is active says ``versions/<name>/active.json``, a list of all promotions with their times; without
-    it the released one is.
+    Which version is active says ``versions/<name>/active.json``, the promotions that were not rolled back with their
+    times; without any the released one is.
 
     Args:
         root: The folder.
@@ -68,27 +71,23 @@ class Registry:
         if not history:
             return self._root / name
         wanted = history[-1]["version"]
-        for path in self._folders(name):
-            if (path / CARD).is_file() and _card(path)["version"] == wanted:
-                return path
+        for one in self._known(name):
+            if one.is_active:
+                return one.folder
         raise RequestError(
             f"{name}: expected its active version {wanted!r} in {self._root}, got none: add it again, or roll back"
         )
 
     def versions(self, name: str) -> tuple[Version, ...]:
-        """Return all versions, the released one first.
+        """Return all versions, the released one first; none of them is active if the active one is not there.
 
         Raises:
-            RequestError: There is none, or the active one is not there.
+            RequestError: There is none.
         """
-        found = [path for path in self._folders(name) if (path / CARD).is_file()]
+        found = self._known(name)
         if not found:
             raise RequestError(f"expected weights of {', '.join(self.names()) or 'some model'}, got {name!r}")
-        active = self.folder(name)
-        cards = [_card(path) for path in found]
-        return tuple(
-            Version(name, card["version"], path, card, path == active) for path, card in zip(found, cards, strict=True)
-        )
+        return tuple(found)
 
     def add(self, name: str, folder: Path) -> Version:
         """Copy weights into the registry under the version that their card tells; what is there already stays.
@@ -134,32 +133,72 @@ class Registry:
         if not found:
             known = ", ".join(one.version for one in self._known(name))
             raise RequestError(f"{name}: expected a version of {known or 'none'}, got {version!r}")
-        history = self._history(name) or [{"version": self._known(name)[0].version, "at": ""}]
-        if history[-1]["version"] != version:
-            history.append({"version": version, "at": datetime.now(UTC).isoformat(timespec="seconds")})
-        self._write(name, history)
+        if not found[0].is_active:
+            step = {"version": version, "at": datetime.now(UTC).isoformat(timespec="seconds")}
+            self._write(name, [*self._history(name), step])
         return found[0]
 
     def rollback(self, name: str) -> Version:
-        """Make the version active that was active before.
+        """Make the version active that was active before, the released one in the end.
 
         Raises:
             RequestError: There is none.
         """
         history = self._history(name)
-        if len(history) < 2:
-            raise RequestError(f"{name}: expected a version before the active one, got none")
-        previous = [one for one in self._known(name) if one.version == history[-2]["version"]]
+        wanted = history[-2]["version"] if len(history) > 1 else None
+        previous = [
+            one
+            for one in self._known(name)
+            if history and (one.folder == self._root / name if wanted is None else one.version == wanted)
+        ]
         if not previous:
-            raise RequestError(
-                f"{name}: expected the version before, {history[-2]['version']!r}, got none in the folder"
-            )
+            raise RequestError(f"{name}: expected a version before the active one, got {wanted or 'none'}")
         self._write(name, history[:-1])
         return previous[0]
 
+    def take_back(self, name: str) -> None:
+        """Forget the last promotion, whether the version before is there or not."""
+        self._write(name, self._history(name)[:-1])
+
+    def remove(self, name: str, version: str) -> None:
+        """Delete a version that was added and is not active."""
+        history, folder = self._history(name), self._root / VERSIONS / name / version
+        if folder in self._folders(name) and not (history and history[-1]["version"] == version):
+            shutil.rmtree(folder)
+
+    def owners(self, kind: str, sha256: str | None) -> set[str]:
+        """Return the names, of those that end with ``kind``, that have a version with these tensors."""
+        names = [name for name in self.names() if name.rpartition("/")[2] == kind]
+        return {name for name in names if any(one.card["sha256"] == sha256 for one in self._known(name))}
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """Keep out other processes that change versions, and ask for their turn too.
+
+        Raises:
+            UnavailableError: It is another process's turn.
+            RequestError: There is no folder of weights.
+        """
+        if not self._root.is_dir():
+            raise RequestError(f"expected a folder of weights, got no folder {self._root}")
+        path = self._root / VERSIONS / LOCK
+        path.parent.mkdir(exist_ok=True)
+        with path.open("a") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise UnavailableError(f"{path.parent}: expected nobody else to change versions now") from None
+            yield
+
     def _known(self, name: str) -> list[Version]:
-        folders = [path for path in self._folders(name) if (path / CARD).is_file()]
-        return [Version(name, str(_card(path)["version"]), path, _card(path), is_active=False) for path in folders]
+        history, first = self._history(name), self._root / name
+        found: list[Version] = []
+        for path in self._folders(name):
+            if (path / CARD).is_file():
+                card = _card(path)
+                is_active = card["version"] == history[-1]["version"] if history else path == first
+                found.append(Version(name, card["version"], path, card, is_active))
+        return found
 
     def _folders(self, name: str) -> list[Path]:
         self._check_name(name)

@@ -36,12 +36,18 @@ log = logging.getLogger(__name__)
 MOST_FOLLOWERS = 8
 """Queries that may wait for the answer to the same request besides the first."""
 
+MOST_APART = 2
+"""Requests that may wait for the endpoints that are computed apart."""
+
+Waiting = queue.Queue[Job | None]
+
 
 class Host:
     """One worker on a session.
 
     Requests are read and prepared as they come and wait in a bounded queue; ``threads`` threads compute, one request
-    each. ``card``, ``health``, ``metrics`` and ``cancel/<id>`` are answered meanwhile.
+    each. Endpoints that are ``apart`` share one more queue and thread. ``card``, ``health``, ``metrics`` and
+    ``cancel/<id>`` are answered meanwhile.
     """
 
     def __init__(
@@ -59,7 +65,8 @@ class Host:
         self._card = card
         self._endpoints = tuple(endpoints)
         self._meter = meter or CostMeter()
-        self._queue: queue.Queue[Job | None] = queue.Queue(maxsize=queue_length)
+        self._queue: Waiting = queue.Queue(maxsize=queue_length)
+        self._apart: Waiting = queue.Queue(maxsize=MOST_APART)
         self._jobs: dict[Job, Call] = {}
         self._lock = threading.RLock()
         self._stopping = False
@@ -71,7 +78,13 @@ class Host:
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._card_queryable: zenoh.Queryable[None] | None = None
         self._token: zenoh.LivelinessToken | None = None
-        self._threads = [threading.Thread(target=self._work, name=f"compute-{n}", daemon=True) for n in range(threads)]
+        queues = {f"compute-{number}": self._queue for number in range(threads)}
+        if any(endpoint.apart for endpoint in endpoints):
+            queues["apart"] = self._apart
+        self._threads = {
+            threading.Thread(target=self._work, args=(waiting,), name=name, daemon=True): waiting
+            for name, waiting in queues.items()
+        }
 
     def start(self) -> None:
         """Declare every key, the liveliness token last, and begin to compute."""
@@ -108,8 +121,8 @@ class Host:
         deadline = time.monotonic() + grace_s
         with self._lock:
             self._stopping = True
-            waiting = [job for job in self._jobs if job.begun is None]
-        for job in waiting:
+            unbegun = [job for job in self._jobs if job.begun is None]
+        for job in unbegun:
             self._end(job, gone)
         while self._jobs and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -118,9 +131,9 @@ class Host:
         for job, call in late:
             call.cancel()
             self._end(job, gone)
-        for _ in self._threads:
+        for waiting in self._threads.values():
             with suppress(queue.Full):
-                self._queue.put(None, timeout=0.2)
+                waiting.put(None, timeout=0.2)
         for thread in self._threads:
             thread.join(timeout=2.0)
         for queryable in self._queryables:
@@ -207,11 +220,12 @@ class Host:
             if endpoint.unique_ids and any(other.id == request.id for other in self._jobs.values()):
                 raise RequestError(f"id: expected one that is not in progress, got {request.id}")
             self._jobs[job] = call
+            waiting = self._apart if endpoint.apart else self._queue
             try:
-                self._queue.put_nowait(job)
+                waiting.put_nowait(job)
             except queue.Full:
                 del self._jobs[job]
-                raise BusyError(f"{self.address.worker}: {self._queue.maxsize} requests are waiting already") from None
+                raise BusyError(f"{self.address.worker}: {waiting.maxsize} requests are waiting already") from None
         return None
 
     def _joins(self, job: Job) -> bool:
@@ -227,8 +241,8 @@ class Host:
                     return True
         return False
 
-    def _work(self) -> None:
-        while (job := self._queue.get()) is not None:
+    def _work(self, waiting: Waiting) -> None:
+        while (job := waiting.get()) is not None:
             call = self._jobs.get(job)
             if call is None:
                 continue

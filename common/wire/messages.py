@@ -115,8 +115,12 @@ class EstimateReply(Reply):
         default=None, description="The deviation that counts as 1 [m]; null: the MDE does not say."
     )
 
+    weights: Digest | None = Field(default=None, description="SHA-256 of what the MDE learned; null: it does not say.")
+
     @classmethod
-    def of(cls, estimates: Estimates, *, model: str, instance: str, compute_s: float) -> Self:
+    def of(
+        cls, estimates: Estimates, *, model: str, instance: str, compute_s: float, weights: str | None = None
+    ) -> Self:
         """Return an estimator's answer as a message."""
         return cls(
             mean=Array.of(estimates.mean),
@@ -128,6 +132,7 @@ class EstimateReply(Reply):
             version=estimates.version,
             instance=instance,
             compute_s=compute_s,
+            weights=weights,
         )
 
 

@@ -1,5 +1,6 @@
 """Predictive models and estimators as workers."""
 
+import logging
 import time
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +10,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator
-from common.domain.errors import RequestError
+from common.domain.errors import ModelError, RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel, check_parameters
 from common.domain.scene import State
@@ -31,6 +32,8 @@ from common.wire.messages import (
 )
 from common.wire.state import GridMessage
 from common.wire.states import StateCache
+
+log = logging.getLogger(__name__)
 
 Work = tuple[State, NDArray[np.float64]]
 Loader = Callable[[bytes, bytes], tuple[DeviationEstimator, str]]
@@ -105,27 +108,33 @@ def host_estimator(
     """Return a worker that estimates deviations; arguments as in `host_model`.
 
     With ``load``, which makes an estimator and its weights' SHA-256 from a card and tensors, the worker takes other
-    weights over while it serves: requests that are computed after that, those that wait too, are answered with them.
+    weights over while it serves: requests that are begun after that, those that wait too, are answered with them. What
+    has begun ends with the weights before. They are read on a thread of its own, so that neither waits for the other.
     """
     meter, name = CostMeter(), instance or new_id()[:8]
-    serving = [estimator]
+    serving = [(estimator, weights)]
 
     def estimate(work: Work, call: Call) -> EstimateReply:
-        state, actions = work
+        (state, actions), (chosen, digest) = work, serving[0]
         began = time.perf_counter()
-        estimates = serving[0].estimate(state, actions)
+        estimates = chosen.estimate(state, actions)
         compute_s = time.perf_counter() - began
         meter.record(len(actions), compute_s)
-        reply = EstimateReply.of(estimates, model=estimator.model, instance=name, compute_s=compute_s)
+        reply = EstimateReply.of(estimates, model=chosen.model, instance=name, compute_s=compute_s, weights=digest)
         return reply.model_copy(update={"load": call.waiting()})
 
     def take_over(request: LoadRequest, call: Call) -> LoadReply:
         del call
         assert load is not None
         found, digest = load(request.card, request.tensors)
-        previous, serving[0] = serving[0].version, found
+        served = serving[0][0]
+        _check_alike(found, served)
+        serving[0] = found, digest
         host.update_card(version=found.version, weights=digest)
-        return LoadReply(model=found.model, version=found.version, previous=previous, weights=digest, instance=name)
+        log.info("%s: version %s instead of %s", host.address.worker, found.version, served.version)
+        return LoadReply(
+            model=found.model, version=found.version, previous=served.version, weights=digest, instance=name
+        )
 
     card = Card(
         task=task,
@@ -141,7 +150,7 @@ def host_estimator(
     )
     endpoints = [Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)]
     if load is not None:
-        endpoints.append(Endpoint("load", LoadRequest, take_over))
+        endpoints.append(Endpoint("load", LoadRequest, take_over, apart=True))
     host = Host(session, card, endpoints, queue_length=queue_length, meter=meter)
     return host
 
@@ -177,6 +186,14 @@ class Preparation:
                 f"got {len(actions)} of {state.grid.rows} x {state.grid.columns} cells"
             )
         return state, np.asarray(actions, dtype=np.float64)
+
+
+def _check_alike(found: DeviationEstimator, served: DeviationEstimator) -> None:
+    """Raise `ModelError` if an estimator does not take the requests that are prepared for another one."""
+    for what in ("model", "takes", "largest_batch"):
+        expected, got = getattr(served, what), getattr(found, what)
+        if got != expected:
+            raise ModelError(f"{what}: expected {expected} as of the MDE that is served, got {got}")
 
 
 def _parameters(names: tuple[str, ...], takes: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
 """``frugal models``: versions of weights, and which of them the workers answer with."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from common.domain.errors import FrugalError, RequestError, UnavailableError
-from common.storage.registry import CARD, TENSORS, Version
-from common.wire.client import WorkerStatus, list_workers
-from common.wire.messages import LoadReply, LoadRequest
-from common.wire.query import ask
+from common.storage.promotion import Promotion
+from common.storage.registry import Version
+from common.wire.client import list_workers
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
 from services.cli.asking import say
 from services.cli.released import registry
 
-LOAD_S = 30.0
-"""Time that a worker gets to take weights over [s]."""
-PREFIX = "mde_"
+WAIT_S = 60.0
 
 
 @click.group()
@@ -62,23 +61,26 @@ def list_versions(*, name: str | None, as_json: bool) -> None:
 @models.command()
 @click.argument("name")
 @click.argument("version", metavar="VERSION|FOLDER")
-def promote(*, name: str, version: str) -> None:
+@click.option("--wait", is_flag=True, help=f"Wait up to {WAIT_S:g} s for a router and a worker that takes it over.")
+def promote(*, name: str, version: str, wait: bool) -> None:
     """Make a version of weights the active one; a folder of new weights is added first.
 
-    If a live worker refuses them, the version before stays active everywhere.
+    If a live worker refuses them, the version before stays active everywhere, and a folder is not added.
     """
     found = registry()
-    if "/" in version or Path(version).is_dir():
-        version = found.add(name, Path(version)).version
-    before = next(one for one in found.versions(name) if one.is_active)
-    promoted = found.promote(name, version)
-    try:
-        _tell_workers(promoted)
-    except FrugalError:
-        if before.version != version:
-            found.rollback(name)
-            _tell_workers(before, quiet=True)
-        raise
+    with found.turn(), _session(wait_s=WAIT_S if wait else 0.0) as session:
+        known = {one.version for one in found.versions(name)} if name in found.names() else set()
+        if version not in known and ("/" in version or Path(version).is_dir()):
+            version = found.add(name, Path(version)).version
+        promotion = Promotion(found, name, session, say)
+        try:
+            if wait:
+                promotion.wait_for_worker(timeout_s=WAIT_S)
+            promotion.promote(version)
+        except (FrugalError, KeyboardInterrupt):
+            if version not in known:
+                found.remove(name, version)
+            raise
     say(f"{name}: {version} is active")
 
 
@@ -86,64 +88,32 @@ def promote(*, name: str, version: str) -> None:
 @click.argument("name")
 def rollback(*, name: str) -> None:
     """Make the version active again that was active before."""
-    previous = registry().rollback(name)
-    _tell_workers(previous)
+    found = registry()
+    with found.turn(), _session(wait_s=0.0) as session:
+        previous = Promotion(found, name, session, say).rollback()
     say(f"{name}: {previous.version} is active")
 
 
-def _tell_workers(version: Version, *, quiet: bool = False) -> None:
-    """Give the weights to all live workers of their MDE.
-
-    Raises:
-        FrugalError: One did not take them over; the others have.
-    """
-    kind = version.name.rpartition("/")[2]
-    if not kind.startswith(PREFIX):
-        say(f"{version.name}: workers take it over when they start again")
-        return
-    request = LoadRequest(card=(version.folder / CARD).read_bytes(), tensors=(version.folder / TENSORS).read_bytes())
+@contextmanager
+def _session(*, wait_s: float) -> Iterator[Session | None]:
+    """Open a session; None if there is no router in time [s]."""
     try:
-        with open_session(WireSettings(), wait_s=0.0) as session:
-            failure = _load_everywhere(session, kind.removeprefix(PREFIX), request, quiet=quiet)
+        opened = open_session(WireSettings(), wait_s=wait_s)
     except UnavailableError:
-        say("no router: workers take it over when they start again")
+        yield None
         return
-    if failure is not None:
-        raise failure
-
-
-def _load_everywhere(session: Session, model: str, request: LoadRequest, *, quiet: bool) -> FrugalError | None:
-    """Return the error of the first worker that refused, None if none did."""
-    failure: FrugalError | None = None
-    for worker in _estimators(session, model):
-        try:
-            reply = ask(session, worker.address.key("load"), request, LoadReply, timeout_s=LOAD_S)
-            if not quiet:
-                say(f"{worker.address.worker}: {reply.version}, before {reply.previous}")
-        except FrugalError as error:
-            say(f"{worker.address.worker}: {error.code}: {error}")
-            failure = failure or type(error)(f"{worker.address.worker}: {error}")
-    return failure
-
-
-def _estimators(session: Session, model: str) -> list[WorkerStatus]:
-    found = [one for one in list_workers(session) if (one.address.role, one.address.model) == ("mde", model)]
-    if not found:
-        say(f"no live worker of the MDE of {model}: the next one that starts begins with it")
-    return found
+    with opened:
+        yield opened
 
 
 def _live_weights() -> dict[str, list[str]]:
     """Return the workers by the SHA-256 of what they answer with; none if there is no router."""
-    try:
-        with open_session(WireSettings(), wait_s=0.0) as session:
-            live: dict[str, list[str]] = {}
-            for status in list_workers(session):
-                if status.card is not None and status.card.weights is not None:
-                    live.setdefault(status.card.weights, []).append(status.address.worker)
-            return live
-    except UnavailableError:
-        return {}
+    live: dict[str, list[str]] = {}
+    with _session(wait_s=0.0) as session:
+        for status in () if session is None else list_workers(session):
+            if status.card is not None and status.card.weights is not None:
+                live.setdefault(status.card.weights, []).append(status.address.worker)
+    return live
 
 
 def _described(version: Version, live: dict[str, list[str]]) -> dict[str, Any]:

@@ -115,7 +115,7 @@ def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> No
     adapted = chosen.adapt_estimator(served)
 
     def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
-        found = parse_estimator(card, tensors, model=estimated, grid=served.grid)
+        found = parse_estimator(card, tensors, instead_of=served)
         return chosen.adapt_estimator(found), found.weights
 
     sys.exit(

@@ -19,6 +19,8 @@ from services.mde.network_crop import CropNetwork
 from services.mde.stacked_crop import StackedCrop
 from services.mde.variants import VARIANTS
 
+MOST_MEMBERS = 64
+
 
 @dataclass(frozen=True)
 class RawEstimates:
@@ -145,6 +147,8 @@ def build(card: WeightsCard) -> Ensemble:
         raise ModelError(f"{card.name}: expected an architecture of {', '.join(VARIANTS)}, got {card.architecture!r}")
     try:
         members, sizes = int(card.settings["members"]), dict(card.settings["network"])
+        if not 1 <= members <= MOST_MEMBERS:
+            raise ValueError(f"expected 1 to {MOST_MEMBERS} members")
         sizes = {name: tuple(size) if isinstance(size, list) else size for name, size in sizes.items()}
         return Ensemble([VARIANTS[card.architecture](card.grid.grid(), **sizes) for _ in range(members)])
     except (KeyError, TypeError, ValueError, IndexError, RuntimeError, RequestError) as error:
@@ -164,10 +168,15 @@ def load_ensemble(folder: Path, *, model: str) -> Calibrated:
 
 
 def parse_ensemble(card_json: bytes, tensors: bytes, *, model: str, where: str) -> Calibrated:
-    """Return the MDE of a model from the bytes of its card and its weights, checked as `load_ensemble` does."""
+    """Return the MDE of a model from the bytes of its card and its weights, checked as `load_ensemble` does.
+
+    A card that tells of larger networks than its tensors are costs no memory. ``where`` names both in errors.
+    """
     card = parse_card(card_json, where=f"{where}/{CARD}", name=f"mde_{model}")
+    with torch.device("meta"):
+        expected = build(card).state_dict()
+    found = parse_tensors(tensors, expected, card=card, where=where)
     ensemble = build(card)
-    found = parse_tensors(tensors, ensemble.state_dict(), card=card, grid=card.grid.grid(), where=where)
     ensemble.load_state_dict(found)
     ensemble.eval().requires_grad_(False)
     _check_facts(where, ensemble, card)

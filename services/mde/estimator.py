@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator, Estimates
 from common.domain.errors import ModelError
-from common.domain.grid import Grid
 from common.domain.scene import State
 from services.mde.ensemble import Calibrated, Inference, load_ensemble, parse_ensemble
 from services.mde.network import Encoding, inputs
@@ -44,6 +43,7 @@ class NetworkEstimator(DeviationEstimator):
     Attributes:
         weights: SHA-256 of the weights in hex.
         grid: The grid of the training data.
+        scale_m: The deviation that counts as 1 [m].
 
     Args:
         calibrated: The loaded weights.
@@ -57,7 +57,7 @@ class NetworkEstimator(DeviationEstimator):
         self.weights = calibrated.card.sha256
         self.grid = calibrated.familiarity.grid
         self._calibrated = calibrated
-        self._scale_m = calibrated.card.deviation_scale_m
+        self.scale_m = calibrated.card.deviation_scale_m
         self._inference = Inference(calibrated.ensemble)
         self._known: OrderedDict[str, _Known] = OrderedDict()
         self._turn = threading.Lock()
@@ -68,7 +68,7 @@ class NetworkEstimator(DeviationEstimator):
             known = self._state(state)
             if not known.encodings:
                 ones = np.ones(len(actions))
-                return Estimates(ones, ones, ones < 1, known.complaint, scale_m=self._scale_m)
+                return Estimates(ones, ones, ones < 1, known.complaint, scale_m=self.scale_m)
             parts = [
                 self._inference.estimate(known.encodings, actions[start : start + CHUNK])
                 for start in range(0, len(actions), CHUNK)
@@ -85,7 +85,7 @@ class NetworkEstimator(DeviationEstimator):
             )
         if not familiar.all():
             reason = reason or FAR.format(distance.max())
-        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason, scale_m=self._scale_m)
+        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason, scale_m=self.scale_m)
 
     def _state(self, state: State) -> _Known:
         if state.digest in self._known:
@@ -123,13 +123,19 @@ def read_estimator(folder: Path, *, model: str, threads: int | None = None) -> N
     return NetworkEstimator(load_ensemble(folder, model=model))
 
 
-def parse_estimator(card_json: bytes, tensors: bytes, *, model: str, grid: Grid) -> NetworkEstimator:
-    """Return the MDE of a model from the bytes of its card and its weights.
+def parse_estimator(card_json: bytes, tensors: bytes, *, instead_of: NetworkEstimator) -> NetworkEstimator:
+    """Return an MDE from the bytes of its card and its weights, to be served instead of another one.
 
     Raises:
-        ModelError: As in `read_estimator`, or the weights are of another grid.
+        ModelError: As in `read_estimator`; or the weights are of another grid, or count another deviation as 1, so
+            that ``d_max`` would mean something else in the middle of an optimisation.
     """
-    found = parse_ensemble(card_json, tensors, model=model, where=f"mde_{model}")
-    if found.familiarity.grid != grid:
-        raise ModelError(f"mde_{model}: expected weights for {grid}, got some for {found.familiarity.grid}")
-    return NetworkEstimator(found)
+    name = f"mde_{instead_of.model}"
+    found = NetworkEstimator(parse_ensemble(card_json, tensors, model=instead_of.model, where=name))
+    for what, expected, got in (
+        ("grid", instead_of.grid, found.grid),
+        ("deviation_scale_m", instead_of.scale_m, found.scale_m),
+    ):
+        if got != expected:
+            raise ModelError(f"{name}: {what}: expected {expected} as of the MDE that is served, got {got}")
+    return found

@@ -2,23 +2,29 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import safetensors.torch
 import zenoh
 from conftest import START_S
+from torch import Tensor
 
 from common.domain.deviation import Estimates
 from common.domain.errors import FrugalError, ModelError
-from common.learning.weights import CARD, TENSORS
+from common.learning.weights import CARD, TENSORS, GridCard, read_card, save
 from common.storage.dataset import Dataset
+from common.storage.registry import Registry
 from common.wire.codec import decode, encode
 from common.wire.directory import Directory
 from common.wire.dispatch import Limits
@@ -31,6 +37,7 @@ from tests.fakes import serving
 from tests.mde_fakes import small_settings, write_dataset, write_weights
 
 QUERIES = 1000
+ACTIONS = np.array([[0.01, -0.015], [-0.05, 0.02], [0.03, 0.03]])
 ROOT = Path(__file__).parents[2]
 
 
@@ -116,13 +123,14 @@ def test_a_thousand_queries_over_a_promotion_are_all_answered_by_the_version_tha
         expected = local[answer.version].estimate(state, actions[index][None])
         np.testing.assert_array_equal(answer.mean, expected.mean)
         np.testing.assert_array_equal(answer.upper, expected.upper)
+        np.testing.assert_array_equal(answer.familiar, expected.familiar)
 
 
 def test_a_thousand_queries_wait_at_one_worker_at_the_same_time_while_it_takes_weights_over(
     served: Served, session: Session, directory: Directory, dataset: Dataset, made: dict[str, Path]
 ):
     state, lock = dataset.state("test", 1), threading.Lock()
-    replies: list[str] = []
+    replies: list[tuple[str, str | None]] = []
     all_there = threading.Semaphore(0)
     with served.start():
         (worker,) = directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
@@ -137,7 +145,8 @@ def test_a_thousand_queries_wait_at_one_worker_at_the_same_time_while_it_takes_w
         def keep(reply: zenoh.Reply) -> None:
             assert reply.ok is not None, reply.err.payload.to_string()
             with lock:
-                replies.append(decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), EstimateReply).version)
+                told = decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), EstimateReply)
+                replies.append((told.version, told.weights))
 
         handler = [zenoh.handlers.Callback(keep, all_there.release, indirect=True) for _ in range(QUERIES)]
         for index in range(QUERIES):
@@ -150,7 +159,7 @@ def test_a_thousand_queries_wait_at_one_worker_at_the_same_time_while_it_takes_w
             assert all_there.acquire(timeout=60)
         taken.join()
     assert len(replies) == QUERIES
-    assert set(replies) == {"1", "2"}
+    assert set(replies) == {(version, read_card(made[version]).sha256) for version in ("1", "2")}
 
 
 def test_a_worker_that_starts_after_a_promotion_begins_with_the_promoted_version_and_a_rollback_brings_it_back(
@@ -172,6 +181,73 @@ def test_a_worker_that_starts_after_a_promotion_begins_with_the_promoted_version
         back = served.command("rollback", "mde_heuristic")
         assert back.returncode == 0, back.stderr
         assert remote.estimate(state, np.zeros((1, 2))).version == "1"
+
+
+def test_a_worker_that_is_killed_after_a_promotion_comes_back_with_the_promoted_version(
+    served: Served, directory: Directory, dataset: Dataset, made: dict[str, Path]
+):
+    state = dataset.state("test", 0)
+    with served.start() as process:
+        directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
+        done = served.command("promote", "mde_heuristic", str(made["2"]), "--wait")
+        assert done.returncode == 0, done.stderr
+        process.kill()
+        while directory.workers("mde", "heuristic"):
+            directory.wait_for_change(0.1)
+    with served.start():
+        directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
+        answer = RemoteEstimator(directory, "heuristic", limits=Limits()).estimate(state, ACTIONS)
+    expected = read_estimator(made["2"], model="heuristic", threads=1).estimate(state, ACTIONS)
+    assert answer.version == "2"
+    np.testing.assert_array_equal(answer.mean, expected.mean)
+
+
+def save_again(
+    folder: Path, *, change: Callable[[dict[str, Tensor]], object] = lambda tensors: None, **fields: Any
+) -> None:
+    """Write other tensors and what else is changed on the card, so that the SHA-256 is right."""
+    tensors = safetensors.torch.load((folder / TENSORS).read_bytes())
+    change(tensors)
+    save(folder, tensors, read_card(folder).model_copy(update=fields))
+
+
+def put(name: str, place: int, value: float) -> Callable[[dict[str, Tensor]], object]:
+    return lambda tensors: tensors[name].view(-1)[place].fill_(value)
+
+
+UNFIT: dict[str, tuple[Callable[[Path], object], str]] = {
+    "NaN": (lambda folder: save_again(folder, change=put("means", 0, np.nan)), "means: expected finite numbers"),
+    "another grid": (
+        lambda folder: save_again(
+            folder, change=put("facts", 2, 0.005), grid=GridCard(rows=64, columns=64, cell=0.005)
+        ),
+        "mde_heuristic: grid: expected .*0.0045.* as of the MDE that is served, got .*0.005",
+    ),
+    "another scale": (
+        lambda folder: save_again(folder, change=put("facts", 3, 0.01), deviation_scale_m=0.01),
+        "deviation_scale_m: expected .* as of the MDE that is served, got 0.01",
+    ),
+}
+
+
+def test_weights_that_are_what_their_card_says_but_do_not_fit_are_refused_and_leave_nothing_behind(
+    served: Served, directory: Directory, dataset: Dataset, made: dict[str, Path], models: Path, tmp_path: Path
+):
+    state = dataset.state("test", 0)
+    expected = read_estimator(made["1"], model="heuristic", threads=1).estimate(state, ACTIONS)
+    with served.start():
+        directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
+        remote = RemoteEstimator(directory, "heuristic", limits=Limits())
+        for name, (spoil, message) in UNFIT.items():
+            folder = shutil.copytree(made["2"], tmp_path / name)
+            spoil(folder)
+            done = served.command("promote", "mde_heuristic", str(folder))
+            assert done.returncode == 1
+            assert re.search(message, done.stderr.splitlines()[-1]), done.stderr
+            answer = remote.estimate(state, ACTIONS)
+            assert answer.version == "1"
+            np.testing.assert_array_equal(answer.mean, expected.mean)
+        assert [one.version for one in Registry(models).versions("mde_heuristic")] == ["1"]
 
 
 def spoil_tensors(folder: Path) -> None:

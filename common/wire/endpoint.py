@@ -46,6 +46,7 @@ class Endpoint:
         identity: What makes two requests the same, so that a retry gets the first answer again; None: always compute.
         aliases: Other keys that it answers on.
         unique_ids: Whether an id that is still in progress is refused.
+        exact: Whether a query has to name its very key: access control that denies the key lets wildcards pass.
         apart: Whether it is computed on a thread of its own, so that neither waits for the other endpoints' requests.
     """
 
@@ -56,4 +57,5 @@ class Endpoint:
     identity: Callable[[Any], Hashable | None] = anonymous
     aliases: tuple[Alias, ...] = ()
     unique_ids: bool = False
+    exact: bool = False
     apart: bool = False

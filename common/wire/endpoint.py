@@ -63,6 +63,7 @@ class Endpoint:
         unique_ids: Whether an id that is still in progress is refused.
         read_key: Takes over into the request what the key that it came on says.
         takes_puts: Whether what is put on its complete aliases counts as a request too; its errors are logged.
+        exact: Whether a query has to name its very key: access control that denies the key lets wildcards pass.
         apart: Whether it is computed on a thread of its own, so that neither waits for the other endpoints' requests.
     """
 
@@ -75,4 +76,5 @@ class Endpoint:
     unique_ids: bool = False
     read_key: Callable[[Any, str], Any] = keyless
     takes_puts: bool = False
+    exact: bool = False
     apart: bool = False

@@ -205,6 +205,8 @@ class Host:
                 self._end(job, known)
 
     def _admit(self, endpoint: Endpoint, job: Job) -> Reply | None:
+        if endpoint.exact and job.asked != job.key:
+            raise RequestError(f"expected a query to {job.key}, got one to {job.asked}")
         request = endpoint.read_key(job.read(endpoint.request), job.key)
         job.identity = endpoint.identity(request)
         if self._joins(job):

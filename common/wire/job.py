@@ -20,6 +20,7 @@ class Job:
 
     Attributes:
         key: The concrete key to answer on, or of the put.
+        asked: The key, or the key expression, that was asked.
         form: Format of the request, and therefore of the answer.
         compute: Computes the reply.
         identity: What makes another request the same one.
@@ -29,6 +30,7 @@ class Job:
 
     def __init__(self, asked: zenoh.Query | zenoh.Sample, key: str) -> None:
         self.key = key
+        self.asked = str(asked.key_expr)
         self.form: Format = "json" if asked.payload is None else "msgpack"
         self.compute: Callable[[], Reply] | None = None
         self.identity: Hashable | None = None

@@ -150,7 +150,7 @@ def host_estimator(
     )
     endpoints = [Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)]
     if load is not None:
-        endpoints.append(Endpoint("load", LoadRequest, take_over, apart=True))
+        endpoints.append(Endpoint("load", LoadRequest, take_over, exact=True, apart=True))
     host = Host(session, card, endpoints, queue_length=queue_length, meter=meter)
     return host
 

@@ -15,7 +15,8 @@ from pipelines.experiments.finetunings import Weights, judged, predicted_trials,
 from pipelines.experiments.parameters import ActiveChoice, SampleSize
 from pipelines.experiments.place import Place, Report
 from pipelines.experiments.raw import FILE, Row, collect
-from pipelines.mde.active import belief_of, choose_next
+from pipelines.mde.active import choose_next, points_of
+from pipelines.mde.active_belief import believe
 from pipelines.mde.finetune import FinetuneSettings, Method, release_finetuned
 from pipelines.mde.trials import Trials
 from services.mde.ensemble import load_ensemble
@@ -89,6 +90,7 @@ class _Choosing:
         subject = Subjects(parameters, self.place)
         base, pairs = load_ensemble(subject.base, model=parameters.model), subject.trials.pairs()
         scaled = np.clip(subject.trials.deviation_m / (base.card.deviation_scale_m or np.nan), 0, 1)
+        points = points_of(base, parameters.model, pairs)
         order = np.random.default_rng([int(seed), 11]).permutation(len(pairs))
         chosen: list[int] = order[: parameters.first].tolist()
         rows: list[Row] = []
@@ -100,13 +102,7 @@ class _Choosing:
             if count == max(parameters.counts):
                 break
             left = [index for index in range(len(pairs)) if index not in chosen]
-            belief = belief_of(
-                base,
-                parameters.model,
-                trials=[pairs[index] for index in chosen],
-                deviations=scaled[chosen],
-                candidates=[pairs[index] for index in left],
-            )
+            belief = believe(points.part(chosen), scaled[chosen], points.part(left), candidates=len(left))
             assert acquisition in ("random", "lcb", "variance", "integrated")
             (picked,) = choose_next(belief, acquisition, seed=1000 * int(seed) + count)
             chosen.append(left[picked])

@@ -6,6 +6,7 @@ is not linear. ``u`` holds the white descriptions of all members, ``|u|^2`` abou
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -32,6 +33,10 @@ class Points:
 
     described: Values
     estimates: Values
+
+    def part(self, chosen: Sequence[int]) -> "Points":
+        """Return some of them, by their numbers."""
+        return Points(self.described[list(chosen)], self.estimates[list(chosen)])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from common.wire.client import list_workers, report_trial
 from common.wire.codec import decode, encode
 from common.wire.keys import trial_key
 from common.wire.messages import ErrorReply, Health
-from common.wire.query import ask
+from common.wire.query import NoReplyError, ask
 from common.wire.report import TrialReply, TrialReport
 from common.wire.session import Session
 from common.wire.state import GridMessage
@@ -45,7 +45,15 @@ def log(endpoint: str, session: Session, folder: Path) -> Iterator[Path]:
 
 
 def health(session: Session) -> Health:
-    return ask(session, ADDRESS.key("health"), None, Health, timeout_s=20)
+    """Return how the recorder is; a connection that a busy machine has just lost comes back."""
+    deadline = time.monotonic() + 20
+    while True:
+        try:
+            return ask(session, ADDRESS.key("health"), None, Health, timeout_s=20)
+        except NoReplyError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
 
 
 def wait_until(is_so: Callable[[], bool], log: Path) -> None:

@@ -28,37 +28,13 @@ def results(experiment: Experiment) -> Mapping[str, Raw]:
         "optimise": optimisation_rows,
         "examples": example_rows,
         "mdes": mde_rows,
-        "sample_size": trial_rows,
-        "active": trial_rows,
+        "sample_size": lambda parameters: curve_rows(parameters, parameters.methods),
+        "active": lambda parameters: curve_rows(parameters, parameters.acquisitions),
     }
     return {
         name: raw(makers[parameters.kind](parameters), parameters=parameters)
         for name, parameters in experiment.measurements.items()
     }
-
-
-def trial_rows(parameters: Any) -> list[Row]:
-    """Return what MDEs say about four trials, by way, number of trials and seed; more trials bring it nearer."""
-    ways = getattr(parameters, "methods", None) or parameters.acquisitions
-    grown = [(way, count) for way in ways for count in parameters.counts]
-    return [
-        {
-            "model": parameters.model,
-            "method": way,
-            "trials": count,
-            "seed": seed,
-            "sample": sample,
-            "group": sample // 2,
-            "truth": 0.5,
-            "mean": 0.5 + 0.3 / (1 + count) + 0.01 * place,
-            "upper": 0.9,
-            "familiar": True,
-            "constant": 0.4,
-        }
-        for place, (way, count) in enumerate([("s2s", 0), *grown] if hasattr(parameters, "methods") else grown)
-        for seed in parameters.seeds
-        for sample in range(4)
-    ]
 
 
 def model_rows(parameters: Any) -> list[Row]:
@@ -137,6 +113,16 @@ def mde_rows(parameters: Any) -> list[Row]:
         rows += judgements(model, error=2 * error, seeds=parameters.seeds, stage="s2s", place="real", method="s2s")
         for method in ("last", "full"):
             rows += judgements(model, error=error, seeds=parameters.seeds, stage="s2r", place="real", method=method)
+    return rows
+
+
+def curve_rows(parameters: Any, ways: Sequence[str]) -> list[Row]:
+    """Return judgements whose error falls with the number of trials, faster for each way, and of no trial."""
+    rows = judgements("learned", error=0.5, seeds=parameters.seeds, method="s2s", stage="s2s", trials=0)
+    for place, way in enumerate(ways):
+        for trials in parameters.counts:
+            error = 0.4 / (1 + (1 + place) * trials / 20)
+            rows += judgements("learned", error=error, seeds=parameters.seeds, method=way, trials=trials)
     return rows
 
 

@@ -37,11 +37,16 @@ schemas: $(VENV)/ready  ## rewrite proto_schemas/ from the messages
 scenes: $(VENV)/ready  ## rewrite the bundled scenes from their seeds
 	$(BIN)/python -m pipelines.cases
 
-models: $(VENV)/ready  ## the released weights from their seeds, and the data set they are trained on
+models: $(VENV)/ready  ## the released weights from their seeds, and the data sets they are trained on: ours, and the paper's narrow setting
 	$(BIN)/frugal data generate --name sim-v1 --train 4000 --test 300 --seed 0
 	$(BIN)/frugal train learned
 	$(BIN)/frugal train mde --model heuristic
 	$(BIN)/frugal train mde --model learned
+	$(BIN)/frugal data generate --name narrow-v1 --preset narrow --train 1000 --test 300 --seed 0
+	$(BIN)/frugal train learned --data data/narrow-v1 --variant paper --threads 1 --out models/narrow/learned
+	$(BIN)/frugal train learned --data data/narrow-v1 --epochs 60 --threads 1 --out models/narrow/learned_window
+	$(BIN)/frugal train mde --data data/narrow-v1 --model heuristic --out models/narrow/mde_heuristic
+	$(BIN)/frugal train mde --data data/narrow-v1 --model learned --deviations models/narrow/learned/deviations.npz --out models/narrow/mde_learned
 
 benchmark: $(VENV)/ready  ## accuracy, speed-up and overhead of the whole system; the optimiser beside scikit-learn and BoTorch
 	$(BIN)/python -m benchmarks.system

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from common.domain.case import Case
@@ -33,41 +34,51 @@ def draw_placement(case: Case, result: Result) -> Figure:
 
     The achieved scene is the prediction of the model that evaluated the chosen action.
     """
-    grid, scene = case.state.grid, case.state.scene.heights
-    panels = (scene, case.target, scene, result.heights)
-    titles = (
-        "Initial scene and item",
-        "Target",
-        f"{len(result.trials)} evaluated actions",
-        "Achieved with the best action",
-    )
-    limits = float(min(p.min() for p in panels)) * 1e3, float(max(p.max() for p in panels)) * 1e3
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes: Sequence[Axes] = figure.subplots(1, 4, sharex=True, sharey=True)
-    image = None
+    image, handles = draw_panels(axes, case, result.trials, result.action, result.heights)
+    figure.colorbar(image, ax=list(axes), label="height [mm]", shrink=0.8, pad=0.01)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), facecolor="#BBBBBB", framealpha=1)
+    figure.suptitle(_headline(case, result))
+    return figure
+
+
+def draw_panels(
+    axes: Sequence[Axes], case: Case, trials: Sequence[Trial], action: tuple[float, ...], achieved: Floats
+) -> tuple[AxesImage, list[Line2D]]:
+    """Draw scene, target, evaluated actions and achieved scene on four axes; return an image and the legend's lines.
+
+    Args:
+        axes: The four axes.
+        case: Scene and target.
+        trials: The evaluated actions.
+        action: The best one.
+        achieved: What it leads to ``(H, W)`` [m].
+    """
+    grid, scene = case.state.grid, case.state.scene.heights
+    panels = (scene, case.target, scene, achieved)
+    titles = ("Initial scene and item", "Target", f"{len(trials)} evaluated actions", "Achieved with the best action")
+    limits = float(min(p.min() for p in panels)) * 1e3, float(max(p.max() for p in panels)) * 1e3
+    images: list[AxesImage] = []
     for ax, heights, title in zip(axes, panels, titles, strict=True):
-        image = _draw_heights(ax, heights, grid, limits, faded=title.endswith("actions"))
+        images.append(draw_heights(ax, heights, grid, limits, faded=title.endswith("actions")))
         ax.set_title(title)
         ax.set_xlabel("x [cm]")
     axes[0].set_ylabel("y [cm]")
-    assert image is not None
-    figure.colorbar(image, ax=list(axes), label="height [mm]", shrink=0.8, pad=0.01)
 
-    _draw_outline(axes[0], case.state.item.heights, grid, (0.0, 0.0))
+    draw_outline(axes[0], case.state.item.heights, grid, (0.0, 0.0))
     handles: list[Line2D] = [_outline_handle()]
     if case.true_action is not None:
         handles.append(
             _cross(axes[1], case.true_action, "white", "true action" if case.same_item else "target's action")
         )
         _cross(axes[3], case.true_action, "white", "", size=17)
-    handles += _draw_trials(axes[2], result.trials)
-    _draw_outline(axes[3], case.state.item.heights, grid, result.action)
-    handles.append(_cross(axes[3], result.action, "#D55E00", "best action"))
-    _cross(axes[2], result.action, "#D55E00", "")
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), facecolor="#BBBBBB", framealpha=1)
-    figure.suptitle(_headline(case, result))
-    return figure
+    handles += _draw_trials(axes[2], trials)
+    draw_outline(axes[3], case.state.item.heights, grid, action)
+    handles.append(_cross(axes[3], action, "#D55E00", "best action"))
+    _cross(axes[2], action, "#D55E00", "")
+    return images[-1], handles
 
 
 def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:
@@ -79,7 +90,16 @@ def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:
     return png, svg
 
 
-def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, float], *, faded: bool):
+def draw_heights(
+    ax: Axes,
+    heights: Floats,
+    grid: Grid,
+    limits: tuple[float, float],
+    *,
+    faded: bool = False,
+    colours: str = "cividis",
+) -> AxesImage:
+    """Draw heights ``(H, W)`` [m] from above; ``limits`` of the colours in millimetres."""
     half_x, half_y = (CM * half for half in grid.half_extent)
     ax.set_aspect("equal")
     ax.set_facecolor("white")
@@ -87,14 +107,15 @@ def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, fl
         heights * 1e3,
         origin="lower",
         extent=(-half_x, half_x, -half_y, half_y),
-        cmap="gray" if faded else "cividis",
+        cmap="gray" if faded else colours,
         vmin=limits[0],
         vmax=limits[1] * (1.6 if faded else 1.0),
         interpolation="nearest",
     )
 
 
-def _draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
+def draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
+    """Draw the outline of an item's thickness ``(H, W)`` [m] where an action puts it."""
     turned = turned_heights(item, grid, action[2]) if len(action) == 3 else item
     moved = shift(turned, action[0] / grid.cell, action[1] / grid.cell)
     ax.contour(

@@ -1,6 +1,8 @@
 """Tiny models and estimators, some of which exist only to fail, and the processes that run them."""
 
 import argparse
+import hashlib
+import json
 import logging
 import os
 import signal
@@ -120,6 +122,30 @@ class RaisingEstimator(Radius):
         raise ModelError("no weights")
 
 
+class SlowRadius(Radius):
+    """Takes its time."""
+
+    def deviations(self, state: State, actions: NDArray[np.float64]) -> Estimates:
+        time.sleep(2.0)
+        return super().deviations(state, actions)
+
+
+def load_radius(kind: type[Radius], instance: str) -> Callable[[bytes, bytes], tuple[DeviationEstimator, str]]:
+    """Return what makes such an estimator of a card; the instance ``picky`` refuses, ``mortal`` dies of it."""
+
+    def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
+        told, digest = json.loads(card), hashlib.sha256(tensors).hexdigest()
+        if instance == "mortal":
+            os._exit(1)
+        if instance == "picky" or digest != told["sha256"]:
+            raise ModelError(f"expected other weights than version {told['version']}")
+        found = kind(told["name"].removeprefix("mde_"))
+        found.version = told["version"]
+        return found, digest
+
+    return load
+
+
 MODELS: dict[str, Callable[[str], PredictiveModel]] = {
     "good": Tilted,
     "slow": Slow,
@@ -166,7 +192,10 @@ def pretend_to_optimize(request: OptimizeRequest, call: Call) -> OptimizeReply:
 
 
 def build(kind: str, name: str, instance: str, queue_length: int) -> Callable[[Session], Host]:
-    """Return what makes the host of a fake: a model by its behaviour, ``mde``, ``mde-raising`` or ``orchestrator``."""
+    """Return what makes the host of a fake: a model by its behaviour, ``orchestrator``, or an MDE.
+
+    MDEs are ``mde``, ``mde-raising``, and ``mde-loading`` and ``mde-loading-slow``, which take other weights over.
+    """
     if kind == "orchestrator":
         card = Card(task="plating", role="orchestrator", model=None, instance=instance, version="1")
         endpoint = Endpoint(
@@ -178,6 +207,10 @@ def build(kind: str, name: str, instance: str, queue_length: int) -> Callable[[S
         )
         return lambda session: Host(session, card, [endpoint], threads=2, queue_length=queue_length)
     options = {"task": "plating", "instance": instance}
+    if kind in ("mde-loading", "mde-loading-slow"):
+        made = Radius if kind == "mde-loading" else SlowRadius
+        load = load_radius(made, instance)
+        return lambda session: host_estimator(session, made(name), queue_length=queue_length, load=load, **options)
     if kind in ("mde", "mde-raising"):
         estimator = Radius(name) if kind == "mde" else RaisingEstimator(name)
         return lambda session: host_estimator(session, estimator, queue_length=queue_length, **options)

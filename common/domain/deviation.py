@@ -1,7 +1,7 @@
 """Deviation between predictions, and estimators of it (MDEs)."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ class Estimates:
         compute_s: Time that the estimator took [s]; None if nobody measured it.
         events: What went wrong on the way.
         scale_m: The deviation that counts as 1 [m]; None if the estimator does not say.
+        version: Version of the MDE that gave them, empty if it does not say.
     """
 
     mean: NDArray[np.float64]
@@ -46,6 +47,7 @@ class Estimates:
     compute_s: float | None = None
     events: tuple[Event, ...] = ()
     scale_m: float | None = None
+    version: str = ""
 
 
 class DeviationEstimator(ABC):
@@ -78,4 +80,4 @@ class DeviationEstimator(ABC):
             values = getattr(estimates, name)
             if values.shape != (len(checked),) or not np.isfinite(values).all():
                 raise ModelError(f"MDE of {self.model}: expected {len(checked)} finite numbers as {name}, got {values}")
-        return estimates
+        return estimates if estimates.version else replace(estimates, version=self.version)

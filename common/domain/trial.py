@@ -28,6 +28,7 @@ class Trial:
         error: Why there is no reward, empty if there is one.
         uppers: Upper bound of the estimated deviation by model.
         unfamiliar: Models whose MDE does not know such inputs.
+        mdes: Version of the MDE that estimated, by model.
     """
 
     index: int
@@ -44,6 +45,7 @@ class Trial:
     error: str = ""
     uppers: dict[str, float] = field(default_factory=dict[str, float])
     unfamiliar: tuple[str, ...] = ()
+    mdes: dict[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Result:
         heights: Its predicted heightmap ``(H, W)`` [m].
         trials: Every evaluated action, in the order of asking.
         usage: Number of evaluated actions by model: trials, and what strategies asked cheap models in sweeps.
-        models: Version by model that was used.
+        models: Version by model that was used, and by ``mde/<model>``; several are joined by commas.
         split_s: Time by model, and for ``mde``, ``optimiser`` and ``transport``, calls at the same time added up;
             ``transport`` includes waiting for a free worker [s].
         wall_s: Duration of the whole optimisation [s].

@@ -111,17 +111,26 @@ def read_card(folder: Path, *, name: str | None = None) -> WeightsCard:
     path = folder / CARD
     if not path.is_file():
         raise ModelError(f"weights: expected {path}, got no such file")
+    return parse_card(path.read_bytes(), where=str(path), name=name)
+
+
+def parse_card(content: bytes, *, where: str, name: str | None = None) -> WeightsCard:
+    """Return a card from its JSON; ``where`` names it in errors.
+
+    Raises:
+        ModelError: It cannot be read, or is of other weights than ``name``.
+    """
     try:
-        card = WeightsCard.model_validate_json(path.read_bytes())
+        card = WeightsCard.model_validate_json(content)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ModelError(f"{path}: {where + ': ' if where else ''}{first['msg']}, got {first['input']!r:.80}") from None
+        at = ".".join(str(part) for part in first["loc"])
+        raise ModelError(f"{where}: {at + ': ' if at else ''}{first['msg']}, got {first['input']!r:.80}") from None
     expected = WeightsCard.model_fields["format"].default
     if card.format != expected:
-        raise ModelError(f"{path}: expected format {expected}, got {card.format!r}")
+        raise ModelError(f"{where}: expected format {expected}, got {card.format!r}")
     if name is not None and card.name != name:
-        raise ModelError(f"{path}: expected weights of {name}, got {card.name!r}")
+        raise ModelError(f"{where}: expected weights of {name}, got {card.name!r}")
     return card
 
 
@@ -142,12 +151,19 @@ def load(
     path = folder / TENSORS
     if not path.is_file():
         raise ModelError(f"weights: expected {path}, got no such file")
-    content = path.read_bytes()
+    return parse_tensors(path.read_bytes(), expected, card=card, grid=grid, where=str(folder))
+
+
+def parse_tensors(
+    content: bytes, expected: Mapping[str, Tensor], *, card: WeightsCard, grid: Grid | None = None, where: str
+) -> dict[str, Tensor]:
+    """Return the tensors in a safetensors file's bytes, checked as `load` does; ``where`` names them in errors."""
+    path = f"{where}/{TENSORS}"
     found = hashlib.sha256(content).hexdigest()
     if found != card.sha256:
         raise ModelError(f"{path}: expected SHA-256 {card.sha256 or 'none'} as its card says, got {found}")
     if grid is not None and card.grid.grid() != grid:
-        raise ModelError(f"{folder / CARD}: expected {grid}, got {card.grid.grid()}")
+        raise ModelError(f"{where}/{CARD}: expected {grid}, got {card.grid.grid()}")
     try:
         tensors = safetensors.torch.load(content)
     except safetensors.SafetensorError as error:

@@ -111,7 +111,7 @@ def unfamiliar_event(estimates: Estimates, worker: str) -> Event:
 
 def _singles(estimates: Estimates) -> list[Estimate]:
     return [
-        Estimate(float(mean), float(upper), bool(familiar))
+        Estimate(float(mean), float(upper), bool(familiar), estimates.version)
         for mean, upper, familiar in zip(estimates.mean, estimates.upper, estimates.familiar, strict=True)
     ]
 

@@ -193,6 +193,7 @@ class _Attempt:
             error=error,
             uppers={name: estimate.upper for name, estimate in known.items()},
             unfamiliar=tuple(name for name, estimate in known.items() if not estimate.familiar),
+            mdes={name: estimate.version for name, estimate in known.items() if estimate.version},
         )
 
     def _query(self) -> Query:

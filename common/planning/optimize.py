@@ -304,7 +304,9 @@ class _Record:
             heights=heights,
             trials=tuple(self._trials),
             usage=dict(Counter(trial.model for trial in self._trials if trial.model) + usage),
-            models=dict(swept.versions) | {trial.model: trial.version for trial in self._trials if trial.version},
+            models=dict(swept.versions)
+            | {trial.model: trial.version for trial in self._trials if trial.version}
+            | self._mde_versions(),
             split_s=self._split,
             wall_s=self._now(),
             events=tuple(sorted((*self._events, *swept.events), key=lambda event: event.time)),
@@ -313,6 +315,13 @@ class _Record:
             in_flight=in_flight,
             certificate=certificate,
         )
+
+    def _mde_versions(self) -> dict[str, str]:
+        found = {model: dict(versions) for model, versions in self._sweeps.mdes.items()}
+        for trial in self._trials:
+            for model, version in trial.mdes.items():
+                found.setdefault(model, {})[version] = None
+        return {f"mde/{model}": ", ".join(versions) for model, versions in found.items()}
 
     def _is_new(self, event: Event) -> bool:
         """Return whether an event has to be kept; of those that tend to repeat only the first of each worker."""

@@ -16,11 +16,13 @@ class Estimate:
         mean: Expected deviation, scaled to [0, 1] as ``d_max`` is.
         upper: Calibrated upper bound of it.
         familiar: Whether state and action resemble the estimator's training data.
+        version: Version of the MDE, empty if it does not say.
     """
 
     mean: float
     upper: float
     familiar: bool
+    version: str = ""
 
 
 @dataclass(frozen=True)

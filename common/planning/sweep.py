@@ -33,6 +33,7 @@ class Sweeps:
     Attributes:
         usage: Actions asked, by model.
         versions: Version by model that answered.
+        mdes: Versions of the MDEs that answered, by model and in their order.
         split_s: Time by model, and for ``mde`` and ``transport`` [s].
         events: What went wrong.
         best: The best action seen, as a trial, with its heightmap ``(H, W)`` [m]; None before the first answer.
@@ -54,6 +55,7 @@ class Sweeps:
         self._wait_for = wait_for
         self.usage = Counter[str]()
         self.versions: dict[str, str] = {}
+        self.mdes: dict[str, dict[str, None]] = {}
         self.split_s: dict[str, float] = {}
         self.events: list[Event] = []
         self._unfamiliar: set[str] = set()
@@ -116,6 +118,8 @@ class Sweeps:
             if not isinstance(answer, Estimates):
                 return None
             self._account("mde", answer.compute_s, began, answer.events)
+            if answer.version:
+                self.mdes.setdefault(model, {})[answer.version] = None
             answers.append(answer)
         found = replace(
             answers[0],

@@ -1,6 +1,7 @@
 """Random states and actions of the plating task, drawn from a generator that the caller seeds."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,24 @@ PLACES = {"anywhere": 0.25, "heap_edge": 0.40, "rim": 0.25, "bare": 0.10}
 
 RIGID_SHARE = 1 / 3
 ATTEMPTS = 20
+
+
+@dataclass(frozen=True)
+class Fries:
+    """What fries are like: smallest and largest value of each quantity.
+
+    Attributes:
+        length: Their length [m].
+        section: Their width and thickness [m].
+        density: Their density [kg/m3].
+    """
+
+    length: tuple[float, float] = (0.050, 0.070)
+    section: tuple[float, float] = (0.009, 0.011)
+    density: tuple[float, float] = (500, 600)
+
+
+FRIES = Fries()
 
 
 def sample_material(rng: np.random.Generator, *, rigid: bool) -> Material:
@@ -60,8 +79,8 @@ def sample_item(rng: np.random.Generator, grid: Grid, *, kind: str | None = None
     )
 
 
-def sample_fries(rng: np.random.Generator, plate: Plate, *, layout: str) -> tuple[Box, ...]:
-    """Draw 2 to 12 level fries of about 1 x 1 x 6 cm that touch neither each other nor the plate.
+def sample_fries(rng: np.random.Generator, plate: Plate, *, layout: str, fries: Fries = FRIES) -> tuple[Box, ...]:
+    """Draw 2 to 12 level fries, of about 1 x 1 x 6 cm, that touch neither each other nor the plate.
 
     Each lies 1 mm above the highest thing below it, so that it falls little when it is settled.
 
@@ -69,11 +88,12 @@ def sample_fries(rng: np.random.Generator, plate: Plate, *, layout: str) -> tupl
         rng: Source of randomness.
         plate: The plate below.
         layout: One of `LAYOUTS` or `MORE_LAYOUTS`.
+        fries: What they are like.
     """
     boxes: list[Box] = []
     for x, y in _sample_places(rng, layout):
-        section = rng.uniform(0.009, 0.011)
-        size = np.array([rng.uniform(0.050, 0.070), section, section])
+        section = rng.uniform(*fries.section)
+        size = np.array([rng.uniform(*fries.length), section, section])
         yaw = rng.uniform(0, np.pi)
         along, across = np.meshgrid(
             np.linspace(-0.5, 0.5, 41) * (size[0] + 0.004), np.linspace(-0.5, 0.5, 9) * (size[1] + 0.004)
@@ -85,20 +105,28 @@ def sample_fries(rng: np.random.Generator, plate: Plate, *, layout: str) -> tupl
             highest = max(highest, box.top(below_x, below_y).max())
         position = np.array([x, y, highest + section / 2 + 0.001])
         orientation = np.array([0, 0, np.sin(yaw / 2), np.cos(yaw / 2)])
-        boxes.append(Box(size, position, orientation, Material(float(rng.uniform(500, 600)), 1e6, 0.3)))
+        boxes.append(Box(size, position, orientation, Material(float(rng.uniform(*fries.density)), 1e6, 0.3)))
     return tuple(boxes)
 
 
-def sample_scene(rng: np.random.Generator, grid: Grid, *, settle: Settler, layout: str | None = None) -> Scene:
-    """Draw fries, let them settle on the dinner plate, and draw again if one fell off or they do not rest.
+def sample_scene(
+    rng: np.random.Generator,
+    grid: Grid,
+    *,
+    settle: Settler,
+    layout: str | None = None,
+    plate: Plate | None = None,
+    fries: Fries = FRIES,
+) -> Scene:
+    """Draw fries, let them settle on a plate, by default the dinner plate, and draw again if one fell off or moves.
 
     Raises:
         ModelError: No draw came to rest on the plate.
     """
-    plate = dinner_plate()
+    plate = dinner_plate() if plate is None else plate
     reason = ""
     for _ in range(ATTEMPTS):
-        drawn = sample_fries(rng, plate, layout=str(rng.choice(LAYOUTS)) if layout is None else layout)
+        drawn = sample_fries(rng, plate, layout=str(rng.choice(LAYOUTS)) if layout is None else layout, fries=fries)
         try:
             boxes = settle(plate, drawn)
         except ModelError as error:

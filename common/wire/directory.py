@@ -185,8 +185,13 @@ class Directory:
             entry = self._entries.get(address)
             return entry is not None and digest in entry.states
 
-    def record(self, address: Address, *, digest: str, batch: int, compute_s: float, load: int) -> None:
-        """Note a good answer: the worker holds the state, is no suspect, took that long and has so many waiting."""
+    def record(
+        self, address: Address, *, digest: str, batch: int, compute_s: float, load: int, version: str | None = None
+    ) -> None:
+        """Note a good answer: the worker holds the state, is no suspect, took that long and has so many waiting.
+
+        If another version gave it than the worker's card tells, the card is asked for again.
+        """
         with self._changed:
             self._meters.setdefault((address.role, address.model), CostMeter()).record(batch, compute_s)
             entry = self._entries.get(address)
@@ -198,6 +203,11 @@ class Directory:
             entry.states.move_to_end(digest)
             if len(entry.states) > STATES_REMEMBERED:
                 entry.states.popitem(last=False)
+            known = version if entry.card is None else entry.card.version
+            if version in (None, known) or time.monotonic() - entry.asked_card < CARD_TIMEOUT_S:
+                return
+            entry.asked_card = time.monotonic()
+        self._fetch_card(address)
 
     def suspect(self, address: Address) -> None:
         """Avoid a worker for `SUSPECT_S`, unless nobody else is there."""
@@ -337,7 +347,7 @@ class Directory:
 
 def describe(role: Role, model: str | None) -> str:
     """Return what a worker is called in messages."""
-    return {"model": f"model {model}", "mde": f"MDE of {model}", "orchestrator": "orchestrator"}[role]
+    return {"model": f"model {model}", "mde": f"MDE of {model}"}.get(role, role)
 
 
 def _takes(card: Card | None, grid: Grid | None) -> bool:

@@ -4,8 +4,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from common.domain.bodies import Bodies, Box, Material, Plate
+from common.domain.camera import Camera
 from common.domain.grid import Grid
 from common.domain.scene import Item, Scene, State
+from common.domain.world import Sight
 from common.wire.array import Array
 from common.wire.messages import (
     CancelReply,
@@ -15,11 +17,15 @@ from common.wire.messages import (
     EstimateReply,
     EstimateRequest,
     Health,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
 )
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.report import TrialReply, TrialReport
 from common.wire.state import GridMessage, StateMessage
+from common.wire.world import ExecuteReply, ExecuteRequest, LookReply, LookRequest
 
 SMALL, SERVABLE = Grid(4, 6, 0.01), Grid(16, 16, 0.01)
 
@@ -53,6 +59,27 @@ def example_optimization() -> OptimizeRequest:
         bounds=((-0.04, 0.04), (-0.03, 0.03)),
         strategy="only:heuristic",
         evaluations=30,
+    )
+
+
+def example_sight() -> Sight:
+    """Return what a camera of 3 x 2 pixels sees, half a metre above the plate."""
+    depth = np.array([[0.5, 0.49, 0.0], [0.5, 0.5, 0.5]], dtype=np.float32)
+    camera = Camera(4.0, 4.0, 1.0, 0.5, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.5]))
+    return Sight(depth, depth, None, camera, Material(1050.0, 3e4, 0.4), Material(550.0, 1e6, 0.3), "rump")
+
+
+def example_report() -> TrialReport:
+    """Return a report that a recorder takes: the item one cell to the right and below, on what lies there."""
+    state = example_state(SERVABLE)
+    outcome = state.scene.heights + np.roll(state.item.heights, (-1, 1), axis=(0, 1))
+    return TrialReport(
+        id="trial-1",
+        robot="arm-1",
+        state=StateMessage.of(state),
+        action=(0.01, -0.01),
+        outcome=Array.of(outcome),
+        notes="gripper slipped a little",
     )
 
 
@@ -97,6 +124,8 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="e5f6",
             compute_s=0.004,
         ),
+        LoadRequest(id="request-6", card=b'{"name": "mde_heuristic"}', tensors=b"\x00\x01"),
+        LoadReply(model="heuristic", version="1-s2r", previous="1", weights="0" * 64, instance="e5f6"),
         example_optimization(),
         OptimizeReply(
             id="request-3",
@@ -115,6 +144,15 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="0a0b",
         ),
         Progress(kind="trial", id="request-3", index=1, time=0.53, trial=trial),
+        example_report(),
+        TrialReply(
+            id="trial-1",
+            task="plating",
+            robot="arm-1",
+            digest="0" * 64,
+            number=1,
+            file=f"000001-arm-1-{'0' * 12}.npz",
+        ),
         Card(
             task="plating",
             role="model",
@@ -138,6 +176,10 @@ def example_messages() -> tuple[BaseModel, ...]:
             uptime_s=60.0,
             cost=cost,
         ),
+        LookRequest(id="request-4", table=7),
+        LookReply.of(example_sight(), instance="9a8b"),
+        ExecuteRequest(id="request-5", table=7, action=(0.01, -0.005)),
+        ExecuteReply(after=Array.of(np.full((2, 3), 0.48, dtype=np.float32)), instance="9a8b"),
         CancelReply(id="request-3", found=True),
         ErrorReply(code="request", message="evaluations: expected greater than or equal to 1, got 0"),
     )

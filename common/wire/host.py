@@ -36,12 +36,18 @@ log = logging.getLogger(__name__)
 MOST_FOLLOWERS = 8
 """Queries that may wait for the answer to the same request besides the first."""
 
+MOST_APART = 2
+"""Requests that may wait for the endpoints that are computed apart."""
+
+Waiting = queue.Queue[Job | None]
+
 
 class Host:
     """One worker on a session.
 
     Requests are read and prepared as they come and wait in a bounded queue; ``threads`` threads compute, one request
-    each. ``card``, ``health``, ``metrics`` and ``cancel/<id>`` are answered meanwhile.
+    each. Endpoints that are ``apart`` share one more queue and thread. ``card``, ``health``, ``metrics`` and
+    ``cancel/<id>`` are answered meanwhile.
     """
 
     def __init__(
@@ -59,7 +65,8 @@ class Host:
         self._card = card
         self._endpoints = tuple(endpoints)
         self._meter = meter or CostMeter()
-        self._queue: queue.Queue[Job | None] = queue.Queue(maxsize=queue_length)
+        self._queue: Waiting = queue.Queue(maxsize=queue_length)
+        self._apart: Waiting = queue.Queue(maxsize=MOST_APART)
         self._jobs: dict[Job, Call] = {}
         self._lock = threading.RLock()
         self._stopping = False
@@ -68,9 +75,16 @@ class Host:
         self._replies = ReplyCache()
         self._board = ProgressBoard(session, self.address)
         self._queryables: list[zenoh.Queryable[None]] = []
+        self._subscribers: list[zenoh.Subscriber[None]] = []
         self._card_queryable: zenoh.Queryable[None] | None = None
         self._token: zenoh.LivelinessToken | None = None
-        self._threads = [threading.Thread(target=self._work, name=f"compute-{n}", daemon=True) for n in range(threads)]
+        queues = {f"compute-{number}": self._queue for number in range(threads)}
+        if any(endpoint.apart for endpoint in endpoints):
+            queues["apart"] = self._apart
+        self._threads = {
+            threading.Thread(target=self._work, args=(waiting,), name=name, daemon=True): waiting
+            for name, waiting in queues.items()
+        }
 
     def start(self) -> None:
         """Declare every key, the liveliness token last, and begin to compute."""
@@ -79,7 +93,10 @@ class Host:
         for endpoint in self._endpoints:
             for name in (Alias(self.address.key(endpoint.leaf)), *endpoint.aliases):
                 receive = self._receive if name.complete else self._refuse
-                self._declare(name.key, partial(receive, endpoint, name.key), complete=name.complete)
+                self._declare(name.key, partial(receive, endpoint, name), complete=name.complete)
+                if endpoint.takes_puts and name.complete:
+                    hear = partial(self._hear, endpoint)
+                    self._subscribers.append(self._session.declare_subscriber(name.key, hear))
         health, card = self.address.key("health"), self.address.key("card")
         self._declare(health, partial(self._tell, health, self.health))
         self._declare(self.address.key("metrics"), self._tell_metrics)
@@ -98,12 +115,14 @@ class Host:
         if self._token is not None and self._card_queryable is not None:
             self._card_queryable.undeclare()
             self._token.undeclare()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
         gone = UnavailableError(f"{self.address.worker}: the worker is stopping")
         deadline = time.monotonic() + grace_s
         with self._lock:
             self._stopping = True
-            waiting = [job for job in self._jobs if job.begun is None]
-        for job in waiting:
+            unbegun = [job for job in self._jobs if job.begun is None]
+        for job in unbegun:
             self._end(job, gone)
         while self._jobs and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -112,15 +131,19 @@ class Host:
         for job, call in late:
             call.cancel()
             self._end(job, gone)
-        for _ in self._threads:
+        for waiting in self._threads.values():
             with suppress(queue.Full):
-                self._queue.put(None, timeout=0.2)
+                waiting.put(None, timeout=0.2)
         for thread in self._threads:
             thread.join(timeout=2.0)
         for queryable in self._queryables:
             queryable.undeclare()
         self._board.close()
         return not any(thread.is_alive() for thread in self._threads)
+
+    def update_card(self, **changes: object) -> None:
+        """Change what the card says, the version for instance."""
+        self._card = self._card.model_copy(update=changes)
 
     def card(self) -> Card:
         """Return the worker's card with the costs measured so far."""
@@ -146,9 +169,10 @@ class Host:
     def _declare(self, key: str, callback: Callable[[zenoh.Query], None], *, complete: bool = True) -> None:
         self._queryables.append(self._session.declare_queryable(key, callback, complete=complete))
 
-    def _refuse(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
+    def _refuse(self, endpoint: Endpoint, name: Alias, query: zenoh.Query) -> None:
         """Answer what no worker of its task took; what came on a complete alias is answered there."""
-        if any(query.key_expr.intersects(alias.key) for alias in endpoint.aliases if alias.complete):
+        key = name.answer_key(str(query.key_expr))
+        if key is None or any(query.key_expr.intersects(alias.key) for alias in endpoint.aliases if alias.complete):
             query.drop()
             return
         job = Job(query, key)
@@ -158,8 +182,17 @@ class Host:
         except FrugalError as error:
             self._end(job, error)
 
-    def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
-        job = Job(query, key)
+    def _receive(self, endpoint: Endpoint, name: Alias, query: zenoh.Query) -> None:
+        key = name.answer_key(str(query.key_expr))
+        if key is None:
+            query.drop()
+        else:
+            self._take(endpoint, Job(query, key))
+
+    def _hear(self, endpoint: Endpoint, sample: zenoh.Sample) -> None:
+        self._take(endpoint, Job(sample, str(sample.key_expr)))
+
+    def _take(self, endpoint: Endpoint, job: Job) -> None:
         try:
             known = self._admit(endpoint, job)
         except FrugalError as error:
@@ -172,7 +205,9 @@ class Host:
                 self._end(job, known)
 
     def _admit(self, endpoint: Endpoint, job: Job) -> Reply | None:
-        request = job.read(endpoint.request)
+        if endpoint.exact and job.asked != job.key:
+            raise RequestError(f"expected a query to {job.key}, got one to {job.asked}")
+        request = endpoint.read_key(job.read(endpoint.request), job.key)
         job.identity = endpoint.identity(request)
         if self._joins(job):
             return None
@@ -187,11 +222,12 @@ class Host:
             if endpoint.unique_ids and any(other.id == request.id for other in self._jobs.values()):
                 raise RequestError(f"id: expected one that is not in progress, got {request.id}")
             self._jobs[job] = call
+            waiting = self._apart if endpoint.apart else self._queue
             try:
-                self._queue.put_nowait(job)
+                waiting.put_nowait(job)
             except queue.Full:
                 del self._jobs[job]
-                raise BusyError(f"{self.address.worker}: {self._queue.maxsize} requests are waiting already") from None
+                raise BusyError(f"{self.address.worker}: {waiting.maxsize} requests are waiting already") from None
         return None
 
     def _joins(self, job: Job) -> bool:
@@ -207,8 +243,8 @@ class Host:
                     return True
         return False
 
-    def _work(self) -> None:
-        while (job := self._queue.get()) is not None:
+    def _work(self, waiting: Waiting) -> None:
+        while (job := waiting.get()) is not None:
             call = self._jobs.get(job)
             if call is None:
                 continue

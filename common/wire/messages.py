@@ -11,7 +11,7 @@ from common.domain.deviation import Estimates
 from common.domain.errors import ERRORS, FrugalError
 from common.domain.model import Predictions
 from common.domain.scene import State
-from common.wire.array import Array
+from common.wire.array import Array, Data
 from common.wire.keys import NAME_PATTERN, VERSION, Role
 from common.wire.state import GridMessage, StateMessage
 
@@ -115,8 +115,12 @@ class EstimateReply(Reply):
         default=None, description="The deviation that counts as 1 [m]; null: the MDE does not say."
     )
 
+    weights: Digest | None = Field(default=None, description="SHA-256 of what the MDE learned; null: it does not say.")
+
     @classmethod
-    def of(cls, estimates: Estimates, *, model: str, version: str, instance: str, compute_s: float) -> Self:
+    def of(
+        cls, estimates: Estimates, *, model: str, instance: str, compute_s: float, weights: str | None = None
+    ) -> Self:
         """Return an estimator's answer as a message."""
         return cls(
             mean=Array.of(estimates.mean),
@@ -125,10 +129,28 @@ class EstimateReply(Reply):
             reason=estimates.reason,
             scale_m=estimates.scale_m,
             model=model,
-            version=version,
+            version=estimates.version,
             instance=instance,
             compute_s=compute_s,
+            weights=weights,
         )
+
+
+class LoadRequest(Request):
+    """Gives a worker other weights to answer with from now on: a card as JSON, and the tensors that it tells of."""
+
+    card: Data = Field(description="card.json of the weights.")
+    tensors: Data = Field(description="weights.safetensors.")
+
+
+class LoadReply(Reply):
+    """The worker answers with the new weights; every request is answered by one version, and says which."""
+
+    model: str
+    version: str = Field(description="Version from now on.")
+    previous: str = Field(description="Version until now.")
+    weights: Digest = Field(description="SHA-256 of the weights.")
+    instance: str
 
 
 class Cost(Reply):
@@ -167,7 +189,7 @@ class Health(Reply):
     computing_s: Seconds | None = Field(description="Age of the oldest unfinished computation [s], null if idle.")
     served: Count = Field(description="Requests answered with a reply.")
     failed: Count = Field(description="Requests answered with an error by the model's fault.")
-    refused: Count = Field(description="Requests answered with another error.")
+    refused: Count = Field(description="Requests answered with another error, puts that were refused included.")
     uptime_s: Seconds = Field(description="Since it began to serve [s].")
     cost: tuple[Cost, ...] = ()
 

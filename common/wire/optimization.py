@@ -19,7 +19,7 @@ class EventMessage(Reply):
     """Something that went wrong and was dealt with, or a worker that came or left."""
 
     kind: str
-    worker: str = Field(description="<model>/<instance>, mde/<model>/<instance> or orchestrator/<instance>.")
+    worker: str = Field(description="<model>/<instance>, mde/<model>/<instance>, else <role>/<instance>.")
     detail: str
     time: float = Field(description="Since the optimisation, or the call, began [s].")
 
@@ -52,6 +52,7 @@ class TrialMessage(Reply):
     error: str = Field(default="", description="Why there is no reward, empty if there is one.")
     uppers: dict[str, float] = Field(default={}, description="Upper bound of the estimated deviation by model.")
     unfamiliar: tuple[str, ...] = Field(default=(), description="Models whose MDE does not know such inputs.")
+    mdes: dict[str, str] = Field(default={}, description="Version of the MDE that estimated, by model.")
 
     @classmethod
     def of(cls, trial: Trial) -> Self:
@@ -166,7 +167,9 @@ class OptimizeReply(Reply):
     usage: dict[str, int] = Field(
         description="Number of evaluated actions by model: trials, and what strategies asked cheap models in sweeps."
     )
-    models: dict[str, str] = Field(description="Version of every model that was used.")
+    models: dict[str, str] = Field(
+        description="Version of every model that was used, and of every MDE as mde/<model>; commas between several."
+    )
     split_s: dict[str, float] = Field(description="Time by model, and for mde, optimiser and transport [s].")
     wall_s: float = Field(description="Duration of the whole optimisation [s].")
     events: tuple[EventMessage, ...] = Field(description="What went wrong and was dealt with, and who came or left.")

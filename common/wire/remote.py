@@ -71,7 +71,12 @@ class RemoteModel(PredictiveModel):
         answer = dispatch(self._directory, question, self._limits)
         reply = answer.reply
         self._directory.record(
-            answer.address, digest=state.digest, batch=len(checked), compute_s=reply.compute_s, load=reply.load
+            answer.address,
+            digest=state.digest,
+            batch=len(checked),
+            compute_s=reply.compute_s,
+            load=reply.load,
+            version=reply.version,
         )
         return Predictions(
             heights=np.asarray(reply.heights.values(), dtype=np.float32),
@@ -85,7 +90,11 @@ class RemoteModel(PredictiveModel):
 
 
 class RemoteEstimator(DeviationEstimator):
-    """An MDE that live workers run; everything as in `RemoteModel`."""
+    """An MDE that live workers run; everything as in `RemoteModel`.
+
+    ``version`` is that of one worker when it was made. Workers may take other weights over at any time: each answer
+    tells the version that gave it.
+    """
 
     def __init__(self, directory: Directory, model: str, *, limits: Limits) -> None:
         card = _card(directory.wait_for("mde", model)[0].card)
@@ -128,7 +137,12 @@ class RemoteEstimator(DeviationEstimator):
         answer = dispatch(self._directory, question, self._limits)
         reply = answer.reply
         self._directory.record(
-            answer.address, digest=state.digest, batch=len(checked), compute_s=reply.compute_s, load=reply.load
+            answer.address,
+            digest=state.digest,
+            batch=len(checked),
+            compute_s=reply.compute_s,
+            load=reply.load,
+            version=reply.version,
         )
         return Estimates(
             mean=np.asarray(reply.mean.values(), dtype=np.float64),
@@ -139,6 +153,7 @@ class RemoteEstimator(DeviationEstimator):
             compute_s=min(reply.compute_s, answer.seconds),
             events=answer.events,
             scale_m=reply.scale_m,
+            version=reply.version,
         )
 
 

@@ -20,10 +20,14 @@ from common.wire.messages import (
     EstimateReply,
     EstimateRequest,
     Health,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
 )
 from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
+from common.wire.report import TrialReply, TrialReport
+from common.wire.world import ExecuteReply, ExecuteRequest, LookReply, LookRequest
 
 FOLDER = Path(__file__).parents[2] / "proto_schemas"
 REFRESH = "python -m common.wire.schemas"
@@ -34,9 +38,17 @@ MESSAGES: Mapping[str, type[BaseModel]] = {
         PredictReply,
         EstimateRequest,
         EstimateReply,
+        LoadRequest,
+        LoadReply,
         OptimizeRequest,
         OptimizeReply,
         Progress,
+        TrialReport,
+        TrialReply,
+        LookRequest,
+        LookReply,
+        ExecuteRequest,
+        ExecuteReply,
         Card,
         Health,
         CancelReply,

@@ -1,6 +1,8 @@
 """Predictive models and estimators as workers."""
 
+import logging
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator
-from common.domain.errors import RequestError
+from common.domain.errors import ModelError, RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel, check_parameters
 from common.domain.scene import State
@@ -21,6 +23,8 @@ from common.wire.messages import (
     Card,
     EstimateReply,
     EstimateRequest,
+    LoadReply,
+    LoadRequest,
     PredictReply,
     PredictRequest,
     StateRequest,
@@ -29,7 +33,11 @@ from common.wire.messages import (
 from common.wire.state import GridMessage
 from common.wire.states import StateCache
 
+log = logging.getLogger(__name__)
+
 Work = tuple[State, NDArray[np.float64]]
+Loader = Callable[[bytes, bytes], tuple[DeviationEstimator, str]]
+"""Makes an estimator from a card and tensors, and tells the weights' SHA-256; raises `ModelError` if they are wrong."""
 
 
 def host_model(
@@ -94,21 +102,39 @@ def host_estimator(
     device: str = "cpu",
     grid: Grid | None = None,
     parameters: tuple[str, ...] = (),
-    queue_length: int = 16,
+    queue_length: int = 1024,
+    load: Loader | None = None,
 ) -> Host:
-    """Return a worker that estimates deviations; arguments as in `host_model`."""
+    """Return a worker that estimates deviations; arguments as in `host_model`.
+
+    With ``load``, which makes an estimator and its weights' SHA-256 from a card and tensors, the worker takes other
+    weights over while it serves: requests that are begun after that, those that wait too, are answered with them. What
+    has begun ends with the weights before. They are read on a thread of its own, so that neither waits for the other.
+    """
     meter, name = CostMeter(), instance or new_id()[:8]
+    serving = [(estimator, weights)]
 
     def estimate(work: Work, call: Call) -> EstimateReply:
-        state, actions = work
+        (state, actions), (chosen, digest) = work, serving[0]
         began = time.perf_counter()
-        estimates = estimator.estimate(state, actions)
+        estimates = chosen.estimate(state, actions)
         compute_s = time.perf_counter() - began
         meter.record(len(actions), compute_s)
-        reply = EstimateReply.of(
-            estimates, model=estimator.model, version=estimator.version, instance=name, compute_s=compute_s
-        )
+        reply = EstimateReply.of(estimates, model=chosen.model, instance=name, compute_s=compute_s, weights=digest)
         return reply.model_copy(update={"load": call.waiting()})
+
+    def take_over(request: LoadRequest, call: Call) -> LoadReply:
+        del call
+        assert load is not None
+        found, digest = load(request.card, request.tensors)
+        served = serving[0][0]
+        _check_alike(found, served)
+        serving[0] = found, digest
+        host.update_card(version=found.version, weights=digest)
+        log.info("%s: version %s instead of %s", host.address.worker, found.version, served.version)
+        return LoadReply(
+            model=found.model, version=found.version, previous=served.version, weights=digest, instance=name
+        )
 
     card = Card(
         task=task,
@@ -122,8 +148,11 @@ def host_estimator(
         largest_batch=estimator.largest_batch,
         parameters=_parameters(parameters, estimator.takes),
     )
-    endpoint = Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)
-    return Host(session, card, [endpoint], queue_length=queue_length, meter=meter)
+    endpoints = [Endpoint("estimate", EstimateRequest, estimate, Preparation(card, StateCache()), identity)]
+    if load is not None:
+        endpoints.append(Endpoint("load", LoadRequest, take_over, exact=True, apart=True))
+    host = Host(session, card, endpoints, queue_length=queue_length, meter=meter)
+    return host
 
 
 class Preparation:
@@ -157,6 +186,14 @@ class Preparation:
                 f"got {len(actions)} of {state.grid.rows} x {state.grid.columns} cells"
             )
         return state, np.asarray(actions, dtype=np.float64)
+
+
+def _check_alike(found: DeviationEstimator, served: DeviationEstimator) -> None:
+    """Raise `ModelError` if an estimator does not take the requests that are prepared for another one."""
+    for what in ("model", "takes", "largest_batch"):
+        expected, got = getattr(served, what), getattr(found, what)
+        if got != expected:
+            raise ModelError(f"{what}: expected {expected} as of the MDE that is served, got {got}")
 
 
 def _parameters(names: tuple[str, ...], takes: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:

@@ -4,91 +4,131 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.ndimage import binary_dilation
 
-from common.domain.bodies import Material
+from common.domain.bodies import Material, Plate
+from common.domain.camera import Camera
 from common.domain.case import Case
 from common.domain.errors import RequestError
 from common.domain.grid import Floats, Grid
 from common.domain.scene import Item, Scene, State
+from common.domain.world import Sight
 from common.tasks.plating import RIM_RADIUS, dinner_plate
-from pipelines.data.depth import Camera, heightmap_from_depth
+from pipelines.data.depth import heightmap_from_depth
+from pipelines.data.plate_pose import align
+from pipelines.data.segmentation import HeightSegmenter, Segmenter
 
-LEAST_THICKNESS = 0.004
-"""What rises above the empty plate by less than this is noise [m]."""
-
-
+THINNEST = 0.002
+"""No cell of an item is thinner [m]."""
 INSIDE_RIM = RIM_RADIUS - 0.005
-"""Food is looked for within this distance of the plate's centre: the plate's edge hides what is behind it [m]."""
+"""Food that was there before is looked for within this distance of the centre: the edge hides what is behind [m]."""
+BESIDE = 1
+"""A cell so near to food may show some of it; all others show the plate and take its height [cells]."""
 
 
 @dataclass(frozen=True)
-class DepthTrial:
-    """What the camera saw.
+class Perceived:
+    """A state as a camera saw it.
 
     Attributes:
-        before: Depth image of plate and fries ``(h, w)`` [m].
-        after: The same with the item placed.
-        item: The item alone on the empty plate, its whole outline on the flat.
-        plate: The empty plate; None: it is the default one.
-        item_material: What the item is made of.
-        scene_material: What lies on the plate.
-        action: Where the item's centre was placed ``(x, y)`` [m]; None if nobody knows it.
+        state: Scene and item; bodies are not known.
+        camera: The camera, its pose put right.
+        plate: The plate's profile.
     """
 
-    before: Floats
-    after: Floats
-    item: Floats
-    plate: Floats | None
-    item_material: Material
-    scene_material: Material
-    action: tuple[float, float] | None
+    state: State
+    camera: Camera
+    plate: Plate
+
+    def outcome(self, after: Floats, *, segmenter: Segmenter | None = None) -> NDArray[np.float32]:
+        """Return the heightmap of a depth image of the scene after an action ``(H, W)`` [m]."""
+        everywhere = np.ones(self.state.grid.shape, dtype=bool)
+        segmenter = segmenter or HeightSegmenter()
+        return _surface(after, self.camera, self.state.grid, self.plate, segmenter, within=everywhere)[0]
 
 
-def make_case(name: str, trial: DepthTrial, *, camera: Camera, grid: Grid) -> Case:
-    """Return a trial as a case whose target is the scene after.
+def perceive(sight: Sight, *, grid: Grid, segmenter: Segmenter | None = None) -> Perceived:
+    """Return the state that depth images show (real to sim).
 
-    The item's centre of area becomes the grid's centre. Everything on the plate has one material.
+    An image of the empty plate puts the camera's pose right and tells the plate's profile; else both are taken as they
+    are told, the plate as the default one. The item's centre of area becomes the grid's centre. Everything on the
+    plate has one material. Where no food is near, heights are the plate's.
+
+    Args:
+        sight: What the camera saw.
+        grid: The grid of the state.
+        segmenter: Tells food from plate; by height if None.
 
     Raises:
-        RequestError: An image does not show the grid, or there is no item.
+        RequestError: An image does not show the grid, or there is no item or no plate.
     """
-    before = heightmap_from_depth(trial.before, camera, grid).heights
-    after = heightmap_from_depth(trial.after, camera, grid).heights
-    fries = _is_food(before - _plate(trial, camera, grid, np.zeros(2)), grid, np.zeros(2))
-    state = State(Scene(grid, before, _materials(fries, trial.scene_material)), _item(trial, camera, grid))
-    return Case(name, 0, state, after, trial.action, same_item=True, notes="Imported from depth images.")
+    segmenter, camera, plate = segmenter or HeightSegmenter(), sight.camera, dinner_plate()
+    if sight.plate is not None:
+        camera, plate = align(sight.plate, camera, plate)
+    inside = np.hypot(grid.x[None, :], grid.y[:, None]) < INSIDE_RIM
+    heights, food = _surface(sight.before, camera, grid, plate, segmenter, within=inside)
+    scene = Scene(grid, heights, _materials(food, sight.scene_material))
+    item = _item(sight.item, sight.item_material, camera, grid, plate, segmenter)
+    return Perceived(State(scene, item), camera, plate)
 
 
-def _item(trial: DepthTrial, camera: Camera, grid: Grid) -> Item:
+def make_case(
+    name: str,
+    sight: Sight,
+    after: Floats,
+    action: tuple[float, float] | None,
+    *,
+    grid: Grid,
+    segmenter: Segmenter | None = None,
+) -> Case:
+    """Return a trial as a case whose target is the scene after; see `perceive`.
+
+    Args:
+        name: Name of the case.
+        sight: What the camera saw before.
+        after: Depth image with the item placed ``(h, w)`` [m].
+        action: Where the item's centre was placed ``(x, y)`` [m]; None if nobody knows it.
+        grid: The grid of the case.
+        segmenter: Tells food from plate; by height if None.
+    """
+    found = perceive(sight, grid=grid, segmenter=segmenter)
+    outcome = found.outcome(after, segmenter=segmenter)
+    return Case(name, 0, found.state, outcome, action, same_item=True, notes="Imported from depth images.")
+
+
+def _surface(
+    depth: Floats, camera: Camera, grid: Grid, plate: Plate, segmenter: Segmenter, *, within: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return heights, the plate's where no food is near, and where there is food ``(H, W)``."""
+    bare = plate.heightmap(grid)
+    seen = heightmap_from_depth(depth, camera, grid).heights
+    food = (segmenter.segment(seen - bare, grid) > 0) & within
+    near = binary_dilation(food, np.ones((3, 3)), iterations=BESIDE) if food.any() else food
+    return np.where(near, seen, bare).astype(np.float32), food
+
+
+def _item(depth: Floats, material: Material, camera: Camera, grid: Grid, plate: Plate, segmenter: Segmenter) -> Item:
     """Return the item with its centre of area at the grid's centre: found once, then drawn again about it."""
     rise, inside, centre = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool), np.zeros(2)
     for _ in range(2):
-        rise = heightmap_from_depth(trial.item, camera.moved(centre), grid).heights
-        rise = rise - _plate(trial, camera, grid, centre)
-        inside = _is_food(rise, grid, centre)
+        x, y = grid.x[None, :] + centre[0], grid.y[:, None] + centre[1]
+        rise = heightmap_from_depth(depth, camera.moved(centre), grid).heights - plate.height(np.hypot(x, y))
+        inside = (segmenter.segment(rise, grid) > 0) & (np.hypot(x, y) < INSIDE_RIM)
         if not inside.any():
-            raise RequestError(f"item: expected something at least {1e3 * LEAST_THICKNESS:g} mm thick, got none")
+            raise RequestError("item: expected something that rises above the plate, got nothing")
+        inside = _largest(inside)
         rows, columns = np.nonzero(inside)
         centre = centre + np.array([grid.x[columns].mean(), grid.y[rows].mean()])
-    return Item(np.where(inside, rise, 0.0).astype(np.float32), _materials(inside, trial.item_material))
+    thickness = np.maximum(rise, THINNEST)
+    return Item(np.where(inside, thickness, 0.0).astype(np.float32), _materials(inside, material))
 
 
-def _plate(trial: DepthTrial, camera: Camera, grid: Grid, centre: Floats) -> Floats:
-    """Return the empty plate's heights ``(H, W)`` [m] on a grid about ``centre``."""
-    if trial.plate is not None:
-        return heightmap_from_depth(trial.plate, camera.moved(centre), grid).heights
-    return dinner_plate().height(np.hypot(grid.x[None, :] + centre[0], grid.y[:, None] + centre[1]))
-
-
-def _is_food(rise: Floats, grid: Grid, centre: Floats) -> NDArray[np.bool_]:
-    """Return where something lies inside the plate's rim: where most of a cell's neighbours rise above the plate."""
-    padded = np.pad(rise > LEAST_THICKNESS, 1)
-    height, width = rise.shape
-    votes = sum(
-        padded[row : row + height, column : column + width].astype(int) for row in range(3) for column in range(3)
-    )
-    radius = np.hypot(grid.x[None, :] + centre[0], grid.y[:, None] + centre[1])
-    return (votes >= 5) & (rise > LEAST_THICKNESS / 2) & (radius < INSIDE_RIM)
+def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the largest piece of a mask, with its holes filled."""
+    pieces, count = ndimage.label(mask)  # type: ignore[misc]
+    sizes = np.bincount(pieces.ravel(), minlength=count + 1)[1:]
+    return np.asarray(ndimage.binary_fill_holes(pieces == 1 + int(sizes.argmax())))
 
 
 def _materials(inside: NDArray[np.bool_], material: Material) -> NDArray[np.float32]:

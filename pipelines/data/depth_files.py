@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.camera import Camera
 from common.domain.errors import RequestError
-from pipelines.data.depth import Camera
 
 
 def read_depth(path: Path, *, scale: float = 0.001) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from common.planning.problem import Problem
 from common.tasks import TASKS
 from common.tasks.plating_sampler import Settler
 from pipelines.cases import make_cases, random_recipes
-from pipelines.evaluate.strategies_controls import Scaling, controlled
+from pipelines.evaluate.strategies_controls import Scaling, TrustingEstimator, controlled
 from pipelines.evaluate.strategies_meter import Meter, Metered, MeteredEstimator
 from pipelines.evaluate.strategies_methods import Contender, make_strategy, parse_contender, reference
 from pipelines.evaluate.strategies_pool import Make, PooledModel
@@ -125,6 +125,8 @@ class Kit:
             estimators = controlled(
                 method.control, models, self._scalings, trusted=self.trusted, meter=self.meter
             )  # fmt: skip
+        if method.trusting:
+            estimators = {name: TrustingEstimator(mde) for name, mde in estimators.items()}
         pool = None
         if method.in_flight > 1:
             pool = self._pool(method.in_flight)

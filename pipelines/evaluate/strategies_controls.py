@@ -1,7 +1,7 @@
-"""What an MDE is worth: the same strategy with one that knows nothing, and with one that knows everything."""
+"""What an MDE is worth: the same strategy with one that knows nothing, everything, or not what it does not know."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from common.domain.scene import State
 from pipelines.evaluate.strategies_meter import Meter
 
 CONTROLS = ("constant-mde", "oracle-mde")
+TRUSTING = "trusting"
+"""The option under which no input is unfamiliar to an MDE."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,23 @@ class ConstantEstimator(DeviationEstimator):
         """Return the mean ``(B,)``."""
         mean = np.full(len(actions), self._scaling.mean)
         return Estimates(mean, mean, np.ones(len(actions), dtype=bool), scale_m=self._scaling.scale_m)
+
+
+class TrustingEstimator(DeviationEstimator):
+    """An MDE that says of every input that it knows such inputs, as the paper's do.
+
+    Args:
+        estimator: The MDE.
+    """
+
+    def __init__(self, estimator: DeviationEstimator) -> None:
+        self.model, self.version, self.largest_batch = estimator.model, estimator.version, estimator.largest_batch
+        self._estimator = estimator
+
+    def deviations(self, state: State, actions: NDArray[np.float64]) -> Estimates:
+        """Return the MDE's estimates ``(B,)``, all familiar."""
+        found = self._estimator.estimate(state, actions)
+        return replace(found, familiar=np.ones(len(actions), dtype=bool), reason="")
 
 
 class OracleEstimator(DeviationEstimator):

@@ -11,11 +11,11 @@ from common.planning.selection import MOST_CALLS, parse_strategy
 from common.planning.strategy import Strategy
 from common.planning.strategy_only import OnlyStrategy
 from common.planning.strategy_planner import PlannerStrategy
-from pipelines.evaluate.strategies_controls import CONTROLS
+from pipelines.evaluate.strategies_controls import CONTROLS, TRUSTING
 from pipelines.evaluate.strategies_polish import PolishStrategy
 from pipelines.evaluate.threshold import Method
 
-OPTIONS = f"{', '.join(CONTROLS)}, d_max=<number>, <number>-in-flight"
+OPTIONS = f"{', '.join(CONTROLS)}, {TRUSTING}, d_max=<number>, <number>-in-flight"
 FOREIGN = ("botorch:ucb", "botorch:logei", "botorch:mfkg:calls=<number>", "polish:calls=<number>")
 """Strategies that are there to be compared with, besides those of `parse_strategy`."""
 
@@ -28,11 +28,13 @@ class Contender(Method):
         name: As it was asked for.
         control: What replaces the MDEs; empty if nothing does.
         in_flight: Evaluations, and trusted models, at the same time.
+        trusting: Whether the MDEs' estimates are used on inputs that they do not know, too.
     """
 
     name: str = ""
     control: str = ""
     in_flight: int = 1
+    trusting: bool = False
 
     @property
     def label(self) -> str:
@@ -52,12 +54,14 @@ def parse_contender(text: str, *, trusted: str, in_flight: int = 1) -> Contender
         RequestError: There is no such strategy or option.
     """
     strategy, *options = text.split("+")
-    control, d_max = "", 0.4
+    control, d_max, trusting = "", 0.4, False
     for option in options:
         flying = re.fullmatch(r"(\d{1,3})-in-flight", option)
         threshold = re.fullmatch(r"d_max=(0?\.\d+|1|1\.0)", option)
         if option in CONTROLS:
             control = option
+        elif option == TRUSTING:
+            trusting = True
         elif flying and 1 <= int(flying[1]) <= MOST_IN_FLIGHT:
             in_flight = int(flying[1])
         elif threshold and float(threshold[1]) > 0:
@@ -67,7 +71,7 @@ def parse_contender(text: str, *, trusted: str, in_flight: int = 1) -> Contender
     if in_flight > 1 and (strategy.startswith("botorch:") or control == "oracle-mde"):
         raise RequestError(f"{text}: expected one evaluation in flight, got {in_flight}")
     make_strategy(strategy, trusted=trusted)
-    return Contender(strategy, d_max, name=text, control=control, in_flight=in_flight)
+    return Contender(strategy, d_max, name=text, control=control, in_flight=in_flight, trusting=trusting)
 
 
 def make_strategy(text: str, *, trusted: str, costs: Mapping[str, float] | None = None) -> Strategy:

@@ -6,6 +6,7 @@ is not linear. ``u`` holds the white descriptions of all members, ``|u|^2`` abou
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -32,6 +33,10 @@ class Points:
 
     described: Values
     estimates: Values
+
+    def part(self, chosen: Sequence[int]) -> "Points":
+        """Return some of them, by their numbers."""
+        return Points(self.described[list(chosen)], self.estimates[list(chosen)])
 
 
 @dataclass(frozen=True)
@@ -105,11 +110,12 @@ def _fit(known: Points, residuals: Values, scale: float, noise: float) -> tuple[
 def _factor(known: Points, scale: float, noise: float) -> Values:
     count = len(known.estimates)
     covariance = _kernel(known.described, known.described, scale) + noise * np.eye(count)
-    return np.linalg.cholesky(covariance).astype(np.float64)
+    return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
 
 
 def _kernel(points: Values, others: Values, scale: float) -> Values:
-    linear = points @ others.T
+    linear: Values = points @ others.T
     squared = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * linear
     distance = math.sqrt(5) / scale * np.sqrt(squared.clip(0))
-    return 1 + linear + (1 + distance * (1 + distance / 3)) * np.exp(-distance)
+    correlated: Values = (1 + distance * (1 + distance / 3)) * np.exp(-distance)
+    return np.asarray(1 + linear + correlated, dtype=np.float64)

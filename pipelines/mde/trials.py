@@ -50,6 +50,14 @@ class Trials:
         """The grid of all trials."""
         return self.cases[0].state.grid
 
+    def subset(self, chosen: NDArray[np.integer]) -> "Trials":
+        """Return some of the trials, by their numbers ``(K,)``."""
+        cases = tuple(self.cases[index] for index in chosen)
+        samples = replace(samples_of_cases(cases), groups=self.samples.groups[chosen])
+        return replace(
+            self, cases=cases, samples=samples, deviation_m=self.deviation_m[chosen], digest=_digest(cases), left_out=()
+        )
+
     def pairs(self) -> list[tuple[State, NDArray[np.float64]]]:
         """Return state and action ``(1, 2)`` [m] of every trial."""
         return [(case.state, action[None]) for case, action in zip(self.cases, self.samples.actions, strict=True)]

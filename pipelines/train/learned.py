@@ -8,13 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.domain.deviation import deviation
+from common.domain.grid import Grid
+from common.domain.model import PredictiveModel
 from common.learning.splits import folds, split
 from common.learning.training import Epoch, History, TrainingSettings, seeded, train
 from common.learning.weights import DatasetCard, GridCard, WeightsCard, save
 from common.storage.dataset import Dataset, Samples
 from pipelines.predictions import predict_samples, rmse
+from pipelines.train.images import Images
 from pipelines.train.windows import Windows
 from services.heuristic import HeuristicModel
+from services.learned.encoder_decoder import ARCHITECTURE as PAPER_ARCHITECTURE
+from services.learned.encoder_decoder import EncoderDecoder, EncoderDecoderSettings, PaperLearnedModel
 from services.learned.model import ARCHITECTURE, LearnedModel
 from services.learned.network import NetworkSettings, ResidualNetwork
 
@@ -30,13 +35,13 @@ class LearnedSettings:
     """How the learned model is made.
 
     Attributes:
-        network: Its size.
+        network: Its size, of our network or of the paper's.
         training: How it is trained; the seed also draws the split and the folds.
         validation_share: Share of the states that decide when to stop.
         folds: Networks for cross-fitting; each training sample is predicted by the one that did not see its state.
     """
 
-    network: NetworkSettings = field(default_factory=NetworkSettings)
+    network: NetworkSettings | EncoderDecoderSettings = field(default_factory=NetworkSettings)
     training: TrainingSettings = field(
         default_factory=lambda: TrainingSettings(epochs=48, batch=16, learning_rate=4e-3, patience=48, bfloat16=True)
     )
@@ -59,18 +64,35 @@ class CrossFit:
     rmse_m: NDArray[np.float64]
 
 
+PAPER = LearnedSettings(
+    network=EncoderDecoderSettings(),
+    training=TrainingSettings(epochs=60, batch=16, learning_rate=2e-3, patience=60, bfloat16=True),
+)
+"""How the paper's network is trained."""
+
+
+def prepare(samples: Samples, grid: Grid, settings: LearnedSettings) -> Windows | Images:
+    """Return samples as the network of these settings sees them."""
+    if isinstance(settings.network, EncoderDecoderSettings):
+        return Images.of(samples, grid)
+    return Windows.of(samples, grid, size=settings.network.window)
+
+
 def fit(
-    windows: Windows,
+    windows: Windows | Images,
     indices: NDArray[np.integer],
     settings: LearnedSettings,
     *,
     report: Callable[[Epoch], None] = lambda epoch: None,
-) -> tuple[ResidualNetwork, History]:
+) -> tuple[ResidualNetwork | EncoderDecoder, History]:
     """Return a network trained on some samples ``(K,)``, a share of whose states decides when to stop."""
     seed = settings.training.seed
     training, validation = split(windows.groups[indices], share=settings.validation_share, seed=seed)
     with seeded(seed):
-        network = ResidualNetwork(settings.network, windows.grid)
+        if isinstance(settings.network, EncoderDecoderSettings):
+            network = EncoderDecoder(settings.network, windows.grid)
+        else:
+            network = ResidualNetwork(settings.network, windows.grid)
     history = train(
         network,
         windows.loss,
@@ -83,7 +105,7 @@ def fit(
 
 
 def cross_fit(
-    dataset: Dataset, samples: Samples, windows: Windows, settings: LearnedSettings, *, report: Report
+    dataset: Dataset, samples: Samples, windows: Windows | Images, settings: LearnedSettings, *, report: Report
 ) -> CrossFit:
     """Predict every training sample with a network that was trained on the states of the other folds."""
     fold = 1 + folds(samples.groups, count=settings.folds, seed=settings.training.seed)
@@ -107,7 +129,7 @@ def release(
     released weights; all in the order of ``dataset.samples``, and ``actions`` and ``test_actions`` that tell them.
     """
     samples, grid = dataset.samples("train"), dataset.card.grid.grid()
-    windows = Windows.of(samples, grid, size=settings.network.window)
+    windows = prepare(samples, grid, settings)
     network, history = fit(windows, np.arange(len(samples)), settings, report=_numbered(report, 0))
     test = dataset.samples("test")
     everything = np.arange(len(test))
@@ -118,7 +140,7 @@ def release(
     card = WeightsCard(
         name=LearnedModel.name,
         version=VERSION,
-        architecture=ARCHITECTURE,
+        architecture=PAPER_ARCHITECTURE if isinstance(network, EncoderDecoder) else ARCHITECTURE,
         dataset=DatasetCard(
             name=dataset.card.name, seed=dataset.card.seed, version=dataset.card.version, samples=len(samples)
         ),
@@ -150,7 +172,9 @@ def release(
     return save(folder, network.state_dict(), card)
 
 
-def _model(network: ResidualNetwork) -> LearnedModel:
+def _model(network: ResidualNetwork | EncoderDecoder) -> PredictiveModel:
+    if isinstance(network, EncoderDecoder):
+        return PaperLearnedModel(network, version=VERSION)
     return LearnedModel(network, version=VERSION)
 
 

@@ -14,6 +14,7 @@ from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from services.cli.asking import say
 from services.cli.data_import import import_depth
+from services.cli.data_real import real
 
 if TYPE_CHECKING:
     from common.storage.dataset_card import DatasetPlan, Split
@@ -187,3 +188,4 @@ def show(*, name: str, folder: Path, split: "Split", count: int, out: Path | Non
 
 
 data.add_command(import_depth)
+data.add_command(real)

@@ -7,6 +7,7 @@ import click
 from common.domain.bodies import Material
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
+from common.domain.world import Sight
 from services.cli.asking import say
 
 FILE = click.Path(path_type=Path)
@@ -57,7 +58,7 @@ def import_depth(
 ) -> None:
     """Turn depth images of a trial into a case: scene, item, action and the scene after as the target."""
     from common.storage.cases import write_case
-    from pipelines.data.depth_case import DepthTrial, make_case
+    from pipelines.data.depth_case import make_case
     from pipelines.data.depth_files import read_camera, read_depth
 
     if out.suffix != ".npz":
@@ -67,16 +68,15 @@ def import_depth(
     def read(path: Path):
         return read_depth(path, scale=depth_scale)
 
-    trial = DepthTrial(
+    sight = Sight(
         before=read(depth_before),
-        after=read(depth_after),
         item=read(depth_item),
         plate=None if depth_plate is None else read(depth_plate),
+        camera=camera,
         item_material=Material(*item_material),
         scene_material=Material(*scene_material),
-        action=action,
     )
-    case = make_case(out.stem, trial, camera=camera, grid=grid)
+    case = make_case(out.stem, sight, read(depth_after), action, grid=grid)
     write_case(out, case)
     item = case.state.item
     area = float(item.outline.sum()) * cell**2

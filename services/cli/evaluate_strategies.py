@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from services.cli.progress import bars
 
 if TYPE_CHECKING:
     from pipelines.evaluate.strategies import Comparison, Kit
-    from pipelines.evaluate.strategies_controls import Scaling
     from services.mde.estimator import NetworkEstimator
 
 LEVELS = ("simulator_coarse", "simulator", "simulator_fine")
@@ -139,16 +138,17 @@ class Work:
 @cache
 def kit(family: tuple[str, ...]) -> "Kit":
     """Return models and MDEs of a family, the trusted one last, all in this process on one thread."""
-    from pipelines.evaluate.strategies import Kit
+    from pipelines.evaluate.family import make_kit
 
-    estimators = {name: find_estimator(name) for name in family[:-1] if is_estimated(name)}
-    return Kit(
-        {name: find_member(name) for name in family},
-        estimators,
-        {name: scaling(name) for name, estimator in estimators.items()},
-        trusted=family[-1],
-        make_trusted=partial(find_member, family[-1]),
-    )
+    return make_kit(family, released_weights(family), find=find_member)
+
+
+def released_weights(family: Sequence[str]) -> dict[str, Path]:
+    """Return the folders of the released weights of models and their MDEs, by name."""
+    from services.cli.released import is_released, released
+
+    names = [name for member in family for name in (member, f"mde_{member}")]
+    return {name: released(name) for name in names if is_released(name)}
 
 
 def default_family(trusted: str) -> list[str]:
@@ -160,15 +160,11 @@ def default_family(trusted: str) -> list[str]:
 
 
 def find_member(name: str) -> PredictiveModel:
-    """Return a model by name, a level of the simulator with its kernels compiled."""
-    from services.cli.train_mde import find_served
-    from services.simulator.model import SimulatorModel
+    """Return a model by name or as ``FILE.py:CLASS``, a level of the simulator with its kernels compiled."""
+    from pipelines.evaluate import family
+    from services.cli.train_mde import find_model
 
-    if name not in LEVELS:
-        return find_served(name)
-    simulator = SimulatorModel.at_level(name.partition("_")[2] or "default")
-    simulator.warm()
-    return simulator
+    return find_model(name) if ":" in name else family.find_member(name, released_weights([name]))
 
 
 def is_estimated(name: str) -> bool:
@@ -180,51 +176,16 @@ def is_estimated(name: str) -> bool:
 
 def find_estimator(name: str) -> "NetworkEstimator":
     """Return the released MDE of a model."""
-    from services.cli.released import released
-    from services.mde.estimator import read_estimator
+    from pipelines.evaluate import family
 
-    return read_estimator(released(f"mde_{name}"), model=name, threads=1)
-
-
-def scaling(name: str) -> "Scaling":
-    """Return what the card of an MDE says about its training data.
-
-    Raises:
-        RequestError: The card says neither which deviation counts as 1 nor their mean.
-    """
-    from common.learning.weights import read_card
-    from pipelines.evaluate.strategies_controls import Scaling
-    from services.cli.released import released
-
-    card = read_card(released(f"mde_{name}"))
-    mean = card.metrics.get("deviation_mean")
-    if card.deviation_scale_m is None or mean is None:
-        raise RequestError(
-            f"mde_{name}: expected deviation_scale_m and the metric deviation_mean on its card, got none"
-        )
-    return Scaling(card.deviation_scale_m, float(mean))
+    return family.find_estimator(name, released_weights([name]))
 
 
 def versions(family: Sequence[str]) -> dict[str, Any]:
     """Return the versions of models and MDEs, with their weights."""
-    from services.simulator.model import SimulatorModel
+    from pipelines.evaluate.family import versions
 
-    weights = [name for member in family for name in (member, f"mde_{member}") if _has_card(name)]
-    return {"simulator": SimulatorModel.version, "weights": {name: _weights(name) for name in weights}}
-
-
-def _has_card(name: str) -> bool:
-    from services.cli.released import is_released
-
-    return is_released(name)
-
-
-def _weights(name: str) -> list[str]:
-    from common.learning.weights import read_card
-    from services.cli.released import released
-
-    card = read_card(released(name))
-    return [card.version, card.sha256]
+    return versions(released_weights(family))
 
 
 def show(table: Sequence[dict[str, Any]]) -> None:

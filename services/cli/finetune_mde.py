@@ -99,9 +99,9 @@ def find_model(name: str, weights: Path | None) -> PredictiveModel:
 
         return SimulatorModel()
     if name == "learned" and weights is not None:
-        from services.learned.model import LearnedModel
+        from services.learned.load import load_learned
 
-        return LearnedModel.load(weights)
+        return load_learned(weights)
     return train_mde.find_served(name)
 
 

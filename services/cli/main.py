@@ -12,7 +12,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "up": ("services.cli.up:up", "Start router, workers and orchestrator on this machine, in the foreground."),
     "serve": (
         "services.cli.serve:serve",
-        "Run one process of the system: router, a model's worker or the orchestrator.",
+        "Run one process of the system: router, a model's worker, orchestrator or recorder.",
     ),
     "workers": ("services.cli.workers:workers", "List the live workers with their cards, health and measured cost."),
     "optimize": ("services.cli.optimize:optimize", "Ask the running system for the best action of a scene."),
@@ -23,6 +23,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("services.cli.train:train", "Train the networks: the learned model, the MDE of any model."),
     "finetune": ("services.cli.finetune:finetune", "Fine-tune MDEs on real trials, and choose the next trial."),
     "evaluate": ("services.cli.evaluate:evaluate", "Measure models, MDEs and whole optimisations: the paper's tables."),
+    "models": ("services.cli.models:models", "Versions of weights: list, promote, roll back, while workers serve."),
+    "report": ("services.cli.report:report", "Write the paper's tables and figures, ours beside them."),
+    "trials": ("services.cli.trials:trials", "List, show, export and report trials that robots executed."),
     "data": ("services.cli.data:data", "Generate, show and import data sets."),
     "health": ("services.cli.health:health", "Tell whether this machine's router or worker answers."),
     "warm": ("services.cli.warm:warm", "Compile the simulator's kernels into the cache."),

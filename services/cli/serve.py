@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from common.domain.deviation import DeviationEstimator
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
 from common.domain.model import PredictiveModel
@@ -64,9 +65,9 @@ def heuristic(*, instance: str, task: str) -> None:
 def learned(*, weights: Path | None, instance: str, task: str) -> None:
     """Serve the learned model; weights that are not what their card says are refused."""
     from services.cli.released import released
-    from services.learned.model import LearnedModel
+    from services.learned.load import load_learned
 
-    served = LearnedModel.load(weights or released("learned"))
+    served = load_learned(weights or released("learned"))
     _serve_model(served, instance=instance, task=task, weights=served.weights, grid=served.grid)
 
 
@@ -107,15 +108,26 @@ def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> No
     from common.wire.run import run_host
     from common.wire.serve import host_estimator
     from services.cli.released import released
-    from services.mde.estimator import read_estimator
+    from services.mde.estimator import parse_estimator, read_estimator
 
     served = read_estimator(weights or released(f"mde_{estimated}"), model=estimated, threads=1)
     chosen = TASKS[task]
     adapted = chosen.adapt_estimator(served)
+
+    def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
+        found = parse_estimator(card, tensors, instead_of=served)
+        return chosen.adapt_estimator(found), found.weights
+
     sys.exit(
         run_host(
             lambda session: host_estimator(
-                session, adapted, task=task, instance=instance, weights=served.weights, parameters=chosen.names
+                session,
+                adapted,
+                task=task,
+                instance=instance,
+                weights=served.weights,
+                parameters=chosen.names,
+                load=load,
             ),
             WireSettings(),
         )
@@ -130,6 +142,44 @@ def orchestrator(*, instance: str, task: str) -> None:
     from services.orchestrator import OrchestratorSettings, run_orchestrator
 
     sys.exit(run_orchestrator(WireSettings(), OrchestratorSettings(), task=TASKS[task], instance=instance))
+
+
+@serve.command()
+@INSTANCE
+@TASK
+def world(*, instance: str, task: str) -> None:
+    """Serve the world's stand-in: it shows tables to a depth camera and executes actions on them."""
+    from common.wire.run import run_host
+    from common.wire.serve_world import host_world
+    from services.world.world import StandIn
+
+    served = StandIn()
+    served.warm()
+    sys.exit(run_host(lambda session: host_world(session, served, task=task, instance=instance), WireSettings()))
+
+
+@serve.command()
+@INSTANCE
+@TASK
+@click.option(
+    "--folder",
+    envvar="FRUGAL_TRIALS",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Where the trials are kept; one recorder writes to it.",
+)
+@click.option(
+    "--grid",
+    type=(int, int, float),
+    metavar="ROWS COLUMNS CELL",
+    help="The only grid that is taken, cell in metres [default: that of the first trial].",
+)
+def recorder(*, instance: str, task: str, folder: Path, grid: tuple[int, int, float] | None) -> None:
+    """Keep the trials that robots report."""
+    from services.recorder import run_recorder
+
+    taken = None if grid is None else Grid(*grid)
+    sys.exit(run_recorder(WireSettings(), task=TASKS[task], instance=instance, folder=folder, grid=taken))
 
 
 def load_model(where: str) -> PredictiveModel:

@@ -34,21 +34,32 @@ if TYPE_CHECKING:
     show_default=True,
     help="Further networks, each blind to one fold, for the MDE's training data; 0: none.",
 )
-def learned(*, data: Path, out: Path, seed: int, epochs: int | None, threads: int, folds: int) -> None:
+@click.option(
+    "--variant",
+    type=click.Choice(["window", "paper"]),
+    default="window",
+    show_default=True,
+    help="Our network, or the paper's encoder-decoder that is told the action as numbers.",
+)
+def learned(*, data: Path, out: Path, variant: str, seed: int, epochs: int | None, threads: int, folds: int) -> None:
     """Train the learned model on a data set, measure it on the test samples, and cross-fit it for its MDE.
 
     The same data, seed, settings and number of threads give the same weights on the same machine.
     """
     from common.storage.dataset import Dataset
-    from pipelines.train.learned import LearnedSettings, release
+    from pipelines.train.learned import PAPER, LearnedSettings, release
 
     if folds == 1:
         raise click.UsageError("expected 0 or at least 2 folds, got 1")
-    began, dataset, settings = time.perf_counter(), Dataset.open(data), LearnedSettings(folds=folds)
+    began, dataset, settings = (
+        time.perf_counter(),
+        Dataset.open(data),
+        PAPER if variant == "paper" else LearnedSettings(),
+    )
     training = replace(settings.training, seed=seed, threads=threads)
     if epochs is not None:
         training = replace(training, epochs=epochs)
-    settings = replace(settings, training=training)
+    settings = replace(settings, training=training, folds=folds)
     with bars() as progress:
         rows = [
             progress.add_task("released" if number == 0 else f"fold {number}", total=training.epochs, start=False)

@@ -130,6 +130,6 @@ def find_served(name: str) -> PredictiveModel:
     if name != "learned":
         return find_model(name)
     from services.cli.released import released
-    from services.learned.model import LearnedModel
+    from services.learned.load import load_learned
 
-    return LearnedModel.load(released("learned"))
+    return load_learned(released("learned"))

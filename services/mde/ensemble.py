@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from common.domain.errors import ModelError, RequestError
-from common.learning.weights import WeightsCard, load, read_card
+from common.learning.weights import CARD, TENSORS, WeightsCard, parse_card, parse_tensors
 from services.mde.distance import mahalanobis
 from services.mde.familiarity import Familiarity
 from services.mde.network import DeviationNetwork, Encoding
 from services.mde.network_crop import CropNetwork
 from services.mde.stacked_crop import StackedCrop
 from services.mde.variants import VARIANTS
+
+MOST_MEMBERS = 64
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,8 @@ def build(card: WeightsCard) -> Ensemble:
         raise ModelError(f"{card.name}: expected an architecture of {', '.join(VARIANTS)}, got {card.architecture!r}")
     try:
         members, sizes = int(card.settings["members"]), dict(card.settings["network"])
+        if not 1 <= members <= MOST_MEMBERS:
+            raise ValueError(f"expected 1 to {MOST_MEMBERS} members")
         sizes = {name: tuple(size) if isinstance(size, list) else size for name, size in sizes.items()}
         return Ensemble([VARIANTS[card.architecture](card.grid.grid(), **sizes) for _ in range(members)])
     except (KeyError, TypeError, ValueError, IndexError, RuntimeError, RequestError) as error:
@@ -157,15 +161,29 @@ def load_ensemble(folder: Path, *, model: str) -> Calibrated:
     Raises:
         ModelError: The card is of another model or architecture, or lies about weights, grid, scale or calibration.
     """
-    card = read_card(folder, name=f"mde_{model}")
+    for name in (CARD, TENSORS):
+        if not (folder / name).is_file():
+            raise ModelError(f"weights: expected {folder / name}, got no such file")
+    return parse_ensemble((folder / CARD).read_bytes(), (folder / TENSORS).read_bytes(), model=model, where=str(folder))
+
+
+def parse_ensemble(card_json: bytes, tensors: bytes, *, model: str, where: str) -> Calibrated:
+    """Return the MDE of a model from the bytes of its card and its weights, checked as `load_ensemble` does.
+
+    A card that tells of larger networks than its tensors are costs no memory. ``where`` names both in errors.
+    """
+    card = parse_card(card_json, where=f"{where}/{CARD}", name=f"mde_{model}")
+    with torch.device("meta"):
+        expected = build(card).state_dict()
+    found = parse_tensors(tensors, expected, card=card, where=where)
     ensemble = build(card)
-    ensemble.load_state_dict(load(folder, ensemble.state_dict(), card=card, grid=card.grid.grid()))
+    ensemble.load_state_dict(found)
     ensemble.eval().requires_grad_(False)
-    _check_facts(folder, ensemble, card)
+    _check_facts(where, ensemble, card)
     try:
         familiarity = Familiarity.from_statistics(card.grid.grid(), card.statistics)
     except (KeyError, TypeError, ValueError) as error:
-        raise ModelError(f"{folder}: statistics: expected what the data covers, got {error!r:.200}") from None
+        raise ModelError(f"{where}: statistics: expected what the data covers, got {error!r:.200}") from None
     return Calibrated(ensemble, card, familiarity)
 
 
@@ -175,17 +193,17 @@ def facts(card: WeightsCard, *, factor: float) -> Tensor:
     return torch.tensor([grid.rows, grid.columns, grid.cell, scale or math.nan, factor], dtype=torch.float64)
 
 
-def _check_facts(folder: Path, ensemble: Ensemble, card: WeightsCard) -> None:
+def _check_facts(where: str, ensemble: Ensemble, card: WeightsCard) -> None:
     """Raise `ModelError` if a card says something else than the weights do."""
     rows, columns, cell, scale, factor = ensemble.facts.tolist()
     if (rows, columns, cell) != (card.grid.rows, card.grid.columns, card.grid.cell):
         raise ModelError(
-            f"{folder}: grid: expected {rows:g} x {columns:g} cells of {cell:g} m as in the weights, "
+            f"{where}: grid: expected {rows:g} x {columns:g} cells of {cell:g} m as in the weights, "
             f"got {card.grid.grid()} on the card"
         )
     if scale != card.deviation_scale_m or not scale > 0:
         raise ModelError(
-            f"{folder}: deviation_scale_m: expected {scale:g} as in the weights, got {card.deviation_scale_m}"
+            f"{where}: deviation_scale_m: expected {scale:g} as in the weights, got {card.deviation_scale_m}"
         )
     if not math.isfinite(factor):
-        raise ModelError(f"{folder}: expected a finite factor of the upper bound, got {factor}")
+        raise ModelError(f"{where}: expected a finite factor of the upper bound, got {factor}")

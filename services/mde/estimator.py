@@ -11,8 +11,10 @@ import torch
 from numpy.typing import NDArray
 
 from common.domain.deviation import DeviationEstimator, Estimates
+from common.domain.errors import ModelError
 from common.domain.scene import State
-from services.mde.ensemble import Calibrated, Inference, load_ensemble
+from common.learning.weights import CARD, parse_card
+from services.mde.ensemble import Calibrated, Inference, load_ensemble, parse_ensemble
 from services.mde.network import Encoding, inputs
 
 STATES = 32
@@ -41,6 +43,8 @@ class NetworkEstimator(DeviationEstimator):
 
     Attributes:
         weights: SHA-256 of the weights in hex.
+        grid: The grid of the training data.
+        scale_m: The deviation that counts as 1 [m].
 
     Args:
         calibrated: The loaded weights.
@@ -52,8 +56,9 @@ class NetworkEstimator(DeviationEstimator):
         self.model = calibrated.card.name.removeprefix("mde_")
         self.version = calibrated.card.version
         self.weights = calibrated.card.sha256
+        self.grid = calibrated.familiarity.grid
         self._calibrated = calibrated
-        self._scale_m = calibrated.card.deviation_scale_m
+        self.scale_m = calibrated.card.deviation_scale_m
         self._inference = Inference(calibrated.ensemble)
         self._known: OrderedDict[str, _Known] = OrderedDict()
         self._turn = threading.Lock()
@@ -64,7 +69,7 @@ class NetworkEstimator(DeviationEstimator):
             known = self._state(state)
             if not known.encodings:
                 ones = np.ones(len(actions))
-                return Estimates(ones, ones, ones < 1, known.complaint, scale_m=self._scale_m)
+                return Estimates(ones, ones, ones < 1, known.complaint, scale_m=self.scale_m)
             parts = [
                 self._inference.estimate(known.encodings, actions[start : start + CHUNK])
                 for start in range(0, len(actions), CHUNK)
@@ -81,7 +86,7 @@ class NetworkEstimator(DeviationEstimator):
             )
         if not familiar.all():
             reason = reason or FAR.format(distance.max())
-        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason, scale_m=self._scale_m)
+        return Estimates(mean, np.clip(bound, mean, 1), familiar, reason, scale_m=self.scale_m)
 
     def _state(self, state: State) -> _Known:
         if state.digest in self._known:
@@ -117,3 +122,21 @@ def read_estimator(folder: Path, *, model: str, threads: int | None = None) -> N
     if threads is not None:
         torch.set_num_threads(threads)
     return NetworkEstimator(load_ensemble(folder, model=model))
+
+
+def parse_estimator(card_json: bytes, tensors: bytes, *, instead_of: NetworkEstimator) -> NetworkEstimator:
+    """Return an MDE from the bytes of its card and its weights, to be served instead of another one.
+
+    Raises:
+        ModelError: As in `read_estimator`; or the weights are of another grid, or count another deviation as 1, so
+            that ``d_max`` would mean something else in the middle of an optimisation.
+    """
+    name = f"mde_{instead_of.model}"
+    card = parse_card(card_json, where=f"{name}/{CARD}", name=name)
+    for what, expected, got in (
+        ("grid", instead_of.grid, card.grid.grid()),
+        ("deviation_scale_m", instead_of.scale_m, card.deviation_scale_m),
+    ):
+        if got != expected:
+            raise ModelError(f"{name}: {what}: expected {expected} as of the MDE that is served, got {got}")
+    return NetworkEstimator(parse_ensemble(card_json, tensors, model=instead_of.model, where=name))

@@ -135,13 +135,18 @@ class SimulatorModel(PredictiveModel):
         if known is not None and known.plate is not None:
             return known
         from services.simulator.perception import find_bodies
+        from services.simulator.placement import keep_apart
         from services.simulator.settle import settle_boxes
 
         found = find_bodies(state.scene)
         assert found.plate is not None
         if known is not None:
             return Bodies(found.plate, known.boxes)
-        return Bodies(found.plate, settle_boxes(found.plate, found.boxes, settings=self.settings, device=self.device))
+        boxes, count = found.boxes, -1
+        while len(boxes) != count:
+            settled = settle_boxes(found.plate, boxes, settings=self.settings, device=self.device)
+            count, boxes = len(boxes), keep_apart(settled)
+        return Bodies(found.plate, boxes)
 
 
 def _run_in_threads(placements: Sequence[Placement], parts: Sequence[NDArray[np.float64]]) -> list[Placed]:

@@ -1,6 +1,6 @@
 """One state, ready to be simulated: its bodies at rest, its item meshed, its arrays on the device."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -186,12 +186,29 @@ def _turn(yaw: float) -> NDArray[np.float64]:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
+def keep_apart(boxes: Sequence[Box]) -> tuple[Box, ...]:
+    """Return boxes without those that overlap a larger one, as boxes found in a noisy heightmap may do."""
+    kept: list[Box] = []
+    for box in sorted(boxes, key=lambda one: -one.size.prod()):
+        if not any(_overlap(box, other) for other in kept):
+            kept.append(box)
+    return tuple(box for box in boxes if any(box is one for one in kept))
+
+
 def _check_boxes(boxes: tuple[Box, ...]) -> None:
-    """Raise `RequestError` where the axis of one box runs deep inside another: no contact force can repair that."""
+    """Raise `RequestError` where boxes overlap: no contact force can repair that."""
     for index, box in enumerate(boxes):
-        axis = box.rotation[:, int(np.argmax(box.size))] * box.size.max() / 2
-        line = box.position + np.linspace(-1, 1, 41)[:, None] * axis
-        for number, other in enumerate(boxes):
-            inside = np.abs((line - other.position) @ other.rotation) < other.size / 2 - ROUNDING
-            if number != index and inside.all(axis=1).any():
-                raise RequestError(f"expected boxes that do not overlap, got box {index} inside box {number}")
+        for number, other in enumerate(boxes[:index]):
+            if _overlap(box, other):
+                raise RequestError(f"expected boxes that do not overlap, got box {number} inside box {index}")
+
+
+def _overlap(box: Box, other: Box) -> bool:
+    """Return whether the axis of one of the boxes runs deep inside the other."""
+    for one, two in ((box, other), (other, box)):
+        axis = one.rotation[:, int(np.argmax(one.size))] * one.size.max() / 2
+        line = one.position + np.linspace(-1, 1, 41)[:, None] * axis
+        inside = np.abs((line - two.position) @ two.rotation) < two.size / 2 - ROUNDING
+        if inside.all(axis=1).any():
+            return True
+    return False

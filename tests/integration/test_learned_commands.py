@@ -1,4 +1,4 @@
-"""``frugal train learned`` and ``frugal evaluate table1`` in processes of their own."""
+"""``frugal train learned`` and ``frugal evaluate models`` in processes of their own."""
 
 import json
 import os
@@ -48,10 +48,10 @@ def test_training_leaves_weights_a_card_and_cross_fitted_deviations(weights: Pat
 
 
 def test_table_1_of_trained_weights_is_json_and_raw_results(data: Path, weights: Path, tmp_path: Path):
-    done = run("evaluate", "table1", "--data", data, "--learned", weights, "--fine", 0, "--out", tmp_path, "--json")
+    done = run("evaluate", "models", "--data", data, "--learned", weights, "--fine", 0, "--out", tmp_path, "--json")
     assert done.returncode == 0, done.stderr
     table = json.loads(done.stdout)
-    assert table == json.loads((tmp_path / "table1.json").read_text())
+    assert table == json.loads((tmp_path / "models.json").read_text())
     assert set(table) == {"heuristic", "learned"}
     metrics = read_card(weights).metrics
     assert table["learned"]["rmse_m"] == pytest.approx(metrics["test_rmse_m"])
@@ -65,7 +65,7 @@ def test_wrong_data_weights_and_options_are_told_in_one_line(data: Path, weights
     for arguments, complaint in (
         (("train", "learned", "--data", tmp_path / "nothing"), "expected a data set"),
         (("train", "learned", "--data", data, "--folds", 1), "expected 0 or at least 2 folds, got 1"),
-        (("evaluate", "table1", "--data", data, "--learned", tmp_path), "Field required"),
+        (("evaluate", "models", "--data", data, "--learned", tmp_path), "Field required"),
     ):
         done = run(*arguments)
         assert done.returncode != 0

@@ -1,4 +1,4 @@
-"""`frugal train mde` and `frugal evaluate table2` on a small data set."""
+"""`frugal train mde` and `frugal evaluate mdes` on a small data set."""
 
 import json
 import subprocess
@@ -36,15 +36,15 @@ def test_a_model_in_a_file_of_ones_own_gets_an_mde_without_any_code_for_it(datas
     assert estimator.model == "resting"
 
 
-def test_table2_prints_every_figure_by_model_and_variant_as_json(dataset: Dataset, tmp_path: Path):
+def test_mdes_prints_every_figure_by_model_and_variant_as_json(dataset: Dataset, tmp_path: Path):
     options = ("--data", dataset.path, "--out", tmp_path, "--model", "heuristic", "--seeds", 1, "--epochs", 1)
-    done = frugal("evaluate", "table2", *options, "--json")
+    done = frugal("evaluate", "mdes", *options, "--json")
     assert done.returncode == 0, done.stderr
     table = json.loads(done.stdout)
     assert set(table["heuristic"]) == {"crop", "crop_upper", "paper", "paper_upper"}
     for name in ("mae", "median_baseline_mae", "auroc", "false_accept_rate", "recall", "coverage", "d_max", "seeds"):
         assert name in table["heuristic"]["crop"]
-    assert json.loads((tmp_path / "table2.json").read_text()) == table
+    assert json.loads((tmp_path / "mdes.json").read_text()) == table
     assert len((tmp_path / "judgements.jsonl").read_text().splitlines()) == 2 * 9
     assert (tmp_path / "reliability.png").stat().st_size > 10_000
 
@@ -55,7 +55,7 @@ def test_table2_prints_every_figure_by_model_and_variant_as_json(dataset: Datase
         (("train", "mde", "--model", "heuristic", "--data", "nowhere"), "expected a data set"),
         (("train", "mde", "--model", "nobody"), "expected"),
         (("serve", "mde", "--model", "nobody"), "got no such file"),
-        (("evaluate", "table2", "--data", "nowhere"), "expected a data set"),
+        (("evaluate", "mdes", "--data", "nowhere"), "expected a data set"),
     ],
 )
 def test_an_error_is_one_line(arguments: tuple[str, ...], complaint: str):

@@ -44,7 +44,7 @@ def test_they_are_what_their_cards_say():
 
 
 def test_the_learned_model_is_on_most_placements_less_than_half_as_wrong_as_the_heuristic(fresh: Path, tmp_path: Path):
-    found = json.loads(frugal("evaluate", "table1", "--data", fresh, "--fine", 0, "--out", tmp_path, "--json"))
+    found = json.loads(frugal("evaluate", "models", "--data", fresh, "--fine", 0, "--out", tmp_path, "--json"))
     assert found["learned"]["samples"] == 80
     assert found["learned"]["rmse_median_m"] < 0.5 * found["heuristic"]["rmse_median_m"]
     assert found["learned"]["ratio"] < 0.6  # of 80 placements few decide: those in which fries roll
@@ -52,7 +52,7 @@ def test_the_learned_model_is_on_most_placements_less_than_half_as_wrong_as_the_
 
 @pytest.mark.parametrize(("model", "largest_mae", "least_auroc"), [("heuristic", 0.07, 0.94), ("learned", 0.06, 0.85)])
 def test_the_mdes_know_where_to_trust(fresh: Path, tmp_path: Path, model: str, largest_mae: float, least_auroc: float):
-    command = ("evaluate", "table2", "--released", "--data", fresh, "--model", model, "--out", tmp_path, "--json")
+    command = ("evaluate", "mdes", "--released", "--data", fresh, "--model", model, "--out", tmp_path, "--json")
     figures: dict[str, Any] = json.loads(frugal(*command))[model]["crop"]
     assert figures["mae"] < largest_mae < figures["median_baseline_mae"]
     assert figures["auroc"] > least_auroc

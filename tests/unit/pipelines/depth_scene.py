@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.domain.bodies import Box, Material
+from common.domain.camera import Camera
 from common.tasks.plating import dinner_plate
-from pipelines.data.depth import Camera
 
 FINE = 0.0005
 HALF = 0.20

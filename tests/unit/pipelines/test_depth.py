@@ -3,10 +3,12 @@ import pytest
 from depth_scene import FRIES, SIZE, THICKNESS, camera, look, surface
 
 from common.domain.bodies import Material
+from common.domain.camera import Camera
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
-from pipelines.data.depth import Camera, heightmap_from_depth
-from pipelines.data.depth_case import DepthTrial, make_case
+from common.domain.world import Sight
+from pipelines.data.depth import heightmap_from_depth
+from pipelines.data.depth_case import make_case
 
 GRID = Grid(84, 84, 0.003)
 PLATE = np.hypot(GRID.x[None, :], GRID.y[:, None]) < 0.120
@@ -79,8 +81,7 @@ def test_a_trial_becomes_a_case_with_item_scene_and_target():
     item, scene = surface(item=(0.021, -0.013)), surface(fries=FRIES)
     after = surface(fries=FRIES, item=(0.03, -0.02))
     before, placed, alone = (look(found, EYE) for found in (scene, after, item))
-    trial = DepthTrial(before, placed, alone, None, BEEF, POTATO, (0.03, -0.02))
-    case = make_case("tray", trial, camera=EYE, grid=GRID)
+    case = make_case("tray", Sight(before, alone, None, EYE, BEEF, POTATO), placed, (0.03, -0.02), grid=GRID)
     inside = np.hypot(GRID.x[None, :] / 0.05, GRID.y[:, None] / 0.035)
     heights = case.state.item.heights
     assert np.abs(heights[inside < 0.9] - THICKNESS).max() < 0.001
@@ -96,8 +97,8 @@ def test_a_trial_becomes_a_case_with_item_scene_and_target():
 
 def test_an_image_of_the_empty_plate_replaces_the_default_one():
     alone, empty = look(surface(item=(0.0, 0.0)), EYE), look(surface(), EYE)
-    with_plate = make_case("a", DepthTrial(empty, alone, alone, empty, BEEF, POTATO, None), camera=EYE, grid=GRID)
-    without = make_case("a", DepthTrial(empty, alone, alone, None, BEEF, POTATO, None), camera=EYE, grid=GRID)
+    with_plate = make_case("a", Sight(empty, alone, empty, EYE, BEEF, POTATO), alone, None, grid=GRID)
+    without = make_case("a", Sight(empty, alone, None, EYE, BEEF, POTATO), alone, None, grid=GRID)
     assert np.abs(with_plate.state.item.heights - without.state.item.heights).mean() < 0.0003
     assert not with_plate.state.scene.materials.any()
     assert with_plate.reference_action is None
@@ -105,8 +106,8 @@ def test_an_image_of_the_empty_plate_replaces_the_default_one():
 
 def test_an_item_image_without_an_item_is_refused():
     empty = look(surface(), EYE)
-    with pytest.raises(RequestError, match="expected something at least 4 mm thick, got none"):
-        make_case("a", DepthTrial(empty, empty, empty, None, BEEF, POTATO, None), camera=EYE, grid=GRID)
+    with pytest.raises(RequestError, match="expected something that rises above the plate"):
+        make_case("a", Sight(empty, empty, None, EYE, BEEF, POTATO), empty, None, grid=GRID)
 
 
 @pytest.mark.parametrize(

@@ -117,6 +117,11 @@ LIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "an unknown architecture": (change(architecture="oracle"), "expected an architecture of crop, paper"),
     "more members": (change_settings(members=3), "expected the network's tensors"),
     "other sizes": (change_settings(network={"channels": [8, 8, 12, 32], "features": 8}), "expected torch.float32"),
+    "a network that no memory holds": (
+        change_settings(network={"channels": [8, 8, 12, 2 * 10**9], "features": 8}),
+        "expected torch.float32",
+    ),
+    "a million members": (change_settings(members=10**6), "settings: expected those of crop"),
     "no statistics": (change(statistics={}), "statistics: expected what the data covers"),
     "no card": (forget("card.json"), "got no such file"),
     "no weights": (forget("weights.safetensors"), "got no such file"),

@@ -62,12 +62,12 @@ def draw_panels(
     limits = float(min(p.min() for p in panels)) * 1e3, float(max(p.max() for p in panels)) * 1e3
     images: list[AxesImage] = []
     for ax, heights, title in zip(axes, panels, titles, strict=True):
-        images.append(_draw_heights(ax, heights, grid, limits, faded=title.endswith("actions")))
+        images.append(draw_heights(ax, heights, grid, limits, faded=title.endswith("actions")))
         ax.set_title(title)
         ax.set_xlabel("x [cm]")
     axes[0].set_ylabel("y [cm]")
 
-    _draw_outline(axes[0], case.state.item.heights, grid, (0.0, 0.0))
+    draw_outline(axes[0], case.state.item.heights, grid, (0.0, 0.0))
     handles: list[Line2D] = [_outline_handle()]
     if case.true_action is not None:
         handles.append(
@@ -75,7 +75,7 @@ def draw_panels(
         )
         _cross(axes[3], case.true_action, "white", "", size=17)
     handles += _draw_trials(axes[2], trials)
-    _draw_outline(axes[3], case.state.item.heights, grid, action)
+    draw_outline(axes[3], case.state.item.heights, grid, action)
     handles.append(_cross(axes[3], action, "#D55E00", "best action"))
     _cross(axes[2], action, "#D55E00", "")
     return images[-1], handles
@@ -90,7 +90,16 @@ def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:
     return png, svg
 
 
-def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, float], *, faded: bool) -> AxesImage:
+def draw_heights(
+    ax: Axes,
+    heights: Floats,
+    grid: Grid,
+    limits: tuple[float, float],
+    *,
+    faded: bool = False,
+    colours: str = "cividis",
+) -> AxesImage:
+    """Draw heights ``(H, W)`` [m] from above; ``limits`` of the colours in millimetres."""
     half_x, half_y = (CM * half for half in grid.half_extent)
     ax.set_aspect("equal")
     ax.set_facecolor("white")
@@ -98,14 +107,15 @@ def _draw_heights(ax: Axes, heights: Floats, grid: Grid, limits: tuple[float, fl
         heights * 1e3,
         origin="lower",
         extent=(-half_x, half_x, -half_y, half_y),
-        cmap="gray" if faded else "cividis",
+        cmap="gray" if faded else colours,
         vmin=limits[0],
         vmax=limits[1] * (1.6 if faded else 1.0),
         interpolation="nearest",
     )
 
 
-def _draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
+def draw_outline(ax: Axes, item: Floats, grid: Grid, action: tuple[float, ...]) -> None:
+    """Draw the outline of an item's thickness ``(H, W)`` [m] where an action puts it."""
     turned = turned_heights(item, grid, action[2]) if len(action) == 3 else item
     moved = shift(turned, action[0] / grid.cell, action[1] / grid.cell)
     ax.contour(

@@ -50,7 +50,10 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training samples gave: its number from 1, mean training and validation loss."""
+    """What one pass over the training samples gave: its number from 1, mean training and validation loss.
+
+    Without samples for validation both are the training loss.
+    """
 
     number: int
     training: float
@@ -70,7 +73,7 @@ def train(
     loss: Loss,
     *,
     training: NDArray[np.integer],
-    validation: NDArray[np.integer],
+    validation: NDArray[np.integer] | None,
     settings: TrainingSettings,
     report: Report = lambda epoch: None,
 ) -> History:
@@ -80,17 +83,19 @@ def train(
         network: The network, its initial weights made within `seeded`.
         loss: Loss of a batch of samples, given by their indices.
         training: Indices of the samples to train on ``(N,)``.
-        validation: Indices of the samples that decide when to stop ``(M,)``.
+        validation: Indices of the samples that decide when to stop ``(M,)``; None: nothing does, the last averaged
+            weights are kept.
         settings: How to train.
         report: Is told of every epoch, for a progress bar.
 
     Raises:
         ValueError: A part has no samples, or the loss is no longer finite.
     """
-    if len(training) == 0 or len(validation) == 0:
-        raise ValueError(f"expected samples in both parts, got {len(training)} and {len(validation)}")
+    judged = training if validation is None else validation
+    if len(training) == 0 or len(judged) == 0:
+        raise ValueError(f"expected samples in both parts, got {len(training)} and {len(judged)}")
     generator = Generator().manual_seed(settings.seed)
-    samples, held_out = torch.from_numpy(np.asarray(training)), torch.from_numpy(np.asarray(validation))
+    samples, held_out = torch.from_numpy(np.asarray(training)), torch.from_numpy(np.asarray(judged))
     averaged = copy.deepcopy(network).eval().requires_grad_(False)
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
@@ -114,10 +119,13 @@ def train(
                 total += float(value.detach()) * len(batch)
                 step += 1
                 _average(averaged, network, min(settings.average, step / (step + 10)))
-            epoch = Epoch(number, total / len(samples), _mean_loss(averaged, loss, held_out, settings))
+            judgement = total / len(samples)
+            if validation is not None:
+                judgement = _mean_loss(averaged, loss, held_out, settings)
+            epoch = Epoch(number, total / len(samples), judgement)
             if not (math.isfinite(epoch.training) and math.isfinite(epoch.validation)):
                 raise ValueError(f"expected a finite loss, got {epoch}")
-            if not epochs or epoch.validation < epochs[best - 1].validation:
+            if validation is None or not epochs or epoch.validation < epochs[best - 1].validation:
                 best, kept = number, copy.deepcopy(averaged.state_dict())
             epochs.append(epoch)
             report(epoch)

@@ -90,11 +90,16 @@ class WeightsCard(BaseModel):
 def save(folder: Path, tensors: Mapping[str, Tensor], card: WeightsCard) -> WeightsCard:
     """Write tensors and card, the card last, and return the card with the tensors' SHA-256."""
     folder.mkdir(parents=True, exist_ok=True)
-    content = safetensors.torch.save({name: tensor.detach().contiguous() for name, tensor in tensors.items()})
+    content = _content(tensors)
     complete = card.model_copy(update={"sha256": hashlib.sha256(content).hexdigest()})
     _write(folder / TENSORS, content)
     _write(folder / CARD, (complete.model_dump_json(indent=2) + "\n").encode())
     return complete
+
+
+def tensors_sha256(tensors: Mapping[str, Tensor]) -> str:
+    """Return the SHA-256 in hex that a card will name for tensors."""
+    return hashlib.sha256(_content(tensors)).hexdigest()
 
 
 def read_card(folder: Path, *, name: str | None = None) -> WeightsCard:
@@ -175,6 +180,10 @@ def parse_tensors(
         if not tensor.isfinite().all():
             raise ModelError(f"{path}: {name}: expected finite numbers, got NaN or infinite ones")
     return tensors
+
+
+def _content(tensors: Mapping[str, Tensor]) -> bytes:
+    return safetensors.torch.save({name: tensor.detach().contiguous() for name, tensor in tensors.items()})
 
 
 def _write(path: Path, content: bytes) -> None:

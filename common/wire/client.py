@@ -1,4 +1,4 @@
-"""What a person's or a robot's side of the protocol needs: optimise, follow, look around."""
+"""What a person's or a robot's side of the protocol needs: optimise, follow, report, look around."""
 
 import queue
 import threading
@@ -12,10 +12,11 @@ import zenoh.ext
 
 from common.domain.errors import CancelledError, RequestError, TimedOutError, UnavailableError
 from common.wire.codec import Message, decode
-from common.wire.keys import Address, alias, every_live, every_orchestrator, every_worker, parse_address
+from common.wire.keys import Address, alias, every_live, every_orchestrator, every_worker, parse_address, trial_key
 from common.wire.messages import Card, Health
 from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
 from common.wire.query import NoReplyError, ask, never
+from common.wire.report import TrialReply, TrialReport
 from common.wire.session import is_connected
 
 LONGEST_S = 24 * 3600.0
@@ -121,6 +122,27 @@ def _is_served(session: zenoh.Session, task: str) -> bool:
         return False
     replies = session.liveliness().get(every_orchestrator(task, "live"), timeout=LOOK_S)
     return any(reply.ok is not None for reply in replies)
+
+
+def report_trial(
+    session: zenoh.Session, report: TrialReport, *, task: str, robot: str, timeout_s: float = 30.0
+) -> TrialReply:
+    """Report an executed action and return where it is kept, on disk.
+
+    Without an answer it may be kept all the same: the same report, with its id, is sent again without harm.
+
+    Raises:
+        UnavailableError: No recorder serves the task, it is gone, or its disk refuses the trial.
+        RequestError: The report is wrong, or a duplicate.
+        TimedOutError: No answer came in time [s].
+    """
+    key = trial_key(task, robot)
+    try:
+        return ask(session, key, report, TrialReply, timeout_s=timeout_s)
+    except NoReplyError:
+        raise UnavailableError(
+            f"expected a recorder behind {key}, got no reply: none is alive, it stopped, or access was denied"
+        ) from None
 
 
 def cancel_optimization(session: zenoh.Session, *, task: str, request_id: str) -> None:

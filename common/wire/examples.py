@@ -23,6 +23,7 @@ from common.wire.messages import (
     PredictRequest,
 )
 from common.wire.optimization import EventMessage, OptimizeReply, OptimizeRequest, Progress, TrialMessage
+from common.wire.report import TrialReply, TrialReport
 from common.wire.state import GridMessage, StateMessage
 from common.wire.world import ExecuteReply, ExecuteRequest, LookReply, LookRequest
 
@@ -66,6 +67,20 @@ def example_sight() -> Sight:
     depth = np.array([[0.5, 0.49, 0.0], [0.5, 0.5, 0.5]], dtype=np.float32)
     camera = Camera(4.0, 4.0, 1.0, 0.5, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.5]))
     return Sight(depth, depth, None, camera, Material(1050.0, 3e4, 0.4), Material(550.0, 1e6, 0.3), "rump")
+
+
+def example_report() -> TrialReport:
+    """Return a report that a recorder takes: the item one cell to the right and below, on what lies there."""
+    state = example_state(SERVABLE)
+    outcome = state.scene.heights + np.roll(state.item.heights, (-1, 1), axis=(0, 1))
+    return TrialReport(
+        id="trial-1",
+        robot="arm-1",
+        state=StateMessage.of(state),
+        action=(0.01, -0.01),
+        outcome=Array.of(outcome),
+        notes="gripper slipped a little",
+    )
 
 
 def example_messages() -> tuple[BaseModel, ...]:
@@ -129,6 +144,15 @@ def example_messages() -> tuple[BaseModel, ...]:
             instance="0a0b",
         ),
         Progress(kind="trial", id="request-3", index=1, time=0.53, trial=trial),
+        example_report(),
+        TrialReply(
+            id="trial-1",
+            task="plating",
+            robot="arm-1",
+            digest="0" * 64,
+            number=1,
+            file=f"000001-arm-1-{'0' * 12}.npz",
+        ),
         Card(
             task="plating",
             role="model",

@@ -75,6 +75,7 @@ class Host:
         self._replies = ReplyCache()
         self._board = ProgressBoard(session, self.address)
         self._queryables: list[zenoh.Queryable[None]] = []
+        self._subscribers: list[zenoh.Subscriber[None]] = []
         self._card_queryable: zenoh.Queryable[None] | None = None
         self._token: zenoh.LivelinessToken | None = None
         queues = {f"compute-{number}": self._queue for number in range(threads)}
@@ -92,7 +93,10 @@ class Host:
         for endpoint in self._endpoints:
             for name in (Alias(self.address.key(endpoint.leaf)), *endpoint.aliases):
                 receive = self._receive if name.complete else self._refuse
-                self._declare(name.key, partial(receive, endpoint, name.key), complete=name.complete)
+                self._declare(name.key, partial(receive, endpoint, name), complete=name.complete)
+                if endpoint.takes_puts and name.complete:
+                    hear = partial(self._hear, endpoint)
+                    self._subscribers.append(self._session.declare_subscriber(name.key, hear))
         health, card = self.address.key("health"), self.address.key("card")
         self._declare(health, partial(self._tell, health, self.health))
         self._declare(self.address.key("metrics"), self._tell_metrics)
@@ -111,6 +115,8 @@ class Host:
         if self._token is not None and self._card_queryable is not None:
             self._card_queryable.undeclare()
             self._token.undeclare()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
         gone = UnavailableError(f"{self.address.worker}: the worker is stopping")
         deadline = time.monotonic() + grace_s
         with self._lock:
@@ -163,9 +169,10 @@ class Host:
     def _declare(self, key: str, callback: Callable[[zenoh.Query], None], *, complete: bool = True) -> None:
         self._queryables.append(self._session.declare_queryable(key, callback, complete=complete))
 
-    def _refuse(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
+    def _refuse(self, endpoint: Endpoint, name: Alias, query: zenoh.Query) -> None:
         """Answer what no worker of its task took; what came on a complete alias is answered there."""
-        if any(query.key_expr.intersects(alias.key) for alias in endpoint.aliases if alias.complete):
+        key = name.answer_key(str(query.key_expr))
+        if key is None or any(query.key_expr.intersects(alias.key) for alias in endpoint.aliases if alias.complete):
             query.drop()
             return
         job = Job(query, key)
@@ -175,8 +182,17 @@ class Host:
         except FrugalError as error:
             self._end(job, error)
 
-    def _receive(self, endpoint: Endpoint, key: str, query: zenoh.Query) -> None:
-        job = Job(query, key)
+    def _receive(self, endpoint: Endpoint, name: Alias, query: zenoh.Query) -> None:
+        key = name.answer_key(str(query.key_expr))
+        if key is None:
+            query.drop()
+        else:
+            self._take(endpoint, Job(query, key))
+
+    def _hear(self, endpoint: Endpoint, sample: zenoh.Sample) -> None:
+        self._take(endpoint, Job(sample, str(sample.key_expr)))
+
+    def _take(self, endpoint: Endpoint, job: Job) -> None:
         try:
             known = self._admit(endpoint, job)
         except FrugalError as error:
@@ -191,7 +207,7 @@ class Host:
     def _admit(self, endpoint: Endpoint, job: Job) -> Reply | None:
         if endpoint.exact and job.asked != job.key:
             raise RequestError(f"expected a query to {job.key}, got one to {job.asked}")
-        request = job.read(endpoint.request)
+        request = endpoint.read_key(job.read(endpoint.request), job.key)
         job.identity = endpoint.identity(request)
         if self._joins(job):
             return None

@@ -1,4 +1,4 @@
-"""One query that waits for its answer: read it, answer it once."""
+"""One query that waits for its answer: read it, answer it once. What was put is read alike and gets no answer."""
 
 import logging
 import math
@@ -16,10 +16,10 @@ log = logging.getLogger(__name__)
 
 
 class Job:
-    """A query, and once it has been admitted, its computation.
+    """A query or a put, and once it has been admitted, its computation.
 
     Attributes:
-        key: The concrete key to answer on.
+        key: The concrete key to answer on, or of the put.
         asked: The key, or the key expression, that was asked.
         form: Format of the request, and therefore of the answer.
         compute: Computes the reply.
@@ -28,15 +28,15 @@ class Job:
         followers: The same request asked again meanwhile; they get the same answer.
     """
 
-    def __init__(self, query: zenoh.Query, key: str) -> None:
+    def __init__(self, asked: zenoh.Query | zenoh.Sample, key: str) -> None:
         self.key = key
-        self.asked = str(query.key_expr)
-        self.form: Format = "json" if query.payload is None else "msgpack"
+        self.asked = str(asked.key_expr)
+        self.form: Format = "json" if asked.payload is None else "msgpack"
         self.compute: Callable[[], Reply] | None = None
         self.identity: Hashable | None = None
         self.begun: float | None = None
         self.followers: list[Job] = []
-        self._query = query
+        self._asked = asked
         self._is_claimed = False
         self._lock = threading.Lock()
 
@@ -46,7 +46,7 @@ class Job:
         Raises:
             RequestError: There is none, it is too large, or it is not that message.
         """
-        payload, encoding = self._query.payload, str(self._query.encoding or "")
+        payload, encoding = self._asked.payload, str(self._asked.encoding or "")
         if payload is None or len(payload) == 0:
             raise RequestError(f"expected {message.__name__} as the payload, got none")
         if len(payload) > MAX_REQUEST_BYTES:
@@ -61,7 +61,7 @@ class Job:
         Raises:
             RequestError: The attachment is not a number as text.
         """
-        attachment = self._query.attachment
+        attachment = self._asked.attachment
         if attachment is None or len(attachment) == 0:
             return math.inf
         data = attachment.to_bytes()[:40]
@@ -84,13 +84,17 @@ class Job:
         self.answer_bytes(*self.encode(reply), is_error=is_error)
 
     def encode(self, reply: BaseModel) -> tuple[bytes, str]:
-        """Return a message's payload and encoding, in the format of the request."""
-        return encode(reply, form=self.form)
+        """Return a message's payload and encoding, in the format of the request; for the log, text."""
+        return encode(reply, form="json" if isinstance(self._asked, zenoh.Sample) else self.form)
 
     def answer_bytes(self, payload: bytes, encoding: str, *, is_error: bool = False) -> None:
-        """Send a payload and let go of the query."""
+        """Send a payload and let go of the query; of a put only the error is of interest, and goes into the log."""
+        if isinstance(self._asked, zenoh.Sample):
+            if is_error:
+                log.warning("%s: refused what was put: %s", self.key, payload.decode())
+            return
         try:
-            with self._query as query:
+            with self._asked as query:
                 if is_error:
                     query.reply_err(payload, encoding=encoding)
                 else:

@@ -8,12 +8,13 @@ from common.domain.errors import RequestError
 
 VERSION = 1
 ROOT = f"frugal/@v{VERSION}"
+TRIAL = "trial"
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
 Role = Literal["model", "mde", "orchestrator", "recorder", "world"]
 ROLES: tuple[Role, ...] = get_args(Role)
-OF_A_MODEL: tuple[Role, ...] = ("model", "mde")
-"""Roles whose keys name a model."""
+MODEL_ROLES: tuple[Role, ...] = ("model", "mde")
+"""Roles whose workers are named after a model; the others have none in their keys."""
 
 
 def check_name(kind: str, name: str) -> str:
@@ -27,12 +28,12 @@ def check_name(kind: str, name: str) -> str:
 
 @dataclass(frozen=True)
 class Address:
-    """One worker process: ``<task>/model/<model>/<instance>``, or ``<task>/orchestrator/<instance>`` without a model.
+    """One worker process: ``<task>/model/<model>/<instance>`` or, without a model, ``<task>/<role>/<instance>``.
 
     Attributes:
         task: The task that it serves.
         role: What it does.
-        model: The model that it runs, or whose deviation it estimates; None for roles that are not `OF_A_MODEL`.
+        model: The model that it runs, or whose deviation it estimates; None for every other role.
         instance: Which of the processes of one kind it is.
     """
 
@@ -44,10 +45,9 @@ class Address:
     def __post_init__(self) -> None:
         if self.role not in ROLES:
             raise RequestError(f"role: expected one of {', '.join(ROLES)}, got {self.role!r}")
-        if (self.role in OF_A_MODEL) != (self.model is not None):
-            raise RequestError(
-                f"model: expected a name for the roles {', '.join(OF_A_MODEL)} alone, got {self.model!r}"
-            )
+        if (self.role in MODEL_ROLES) != (self.model is not None):
+            expected = "a name" if self.role in MODEL_ROLES else "none"
+            raise RequestError(f"model: expected {expected} for the role {self.role}, got {self.model!r}")
         check_name("task", self.task)
         check_name("instance", self.instance)
         if self.model is not None:
@@ -60,7 +60,7 @@ class Address:
 
     @property
     def worker(self) -> str:
-        """Its short name in events: ``<model>/<instance>``, ``mde/<model>/<instance>``, ``orchestrator/<instance>``."""
+        """Its short name in events: ``<model>/<instance>``, ``mde/<model>/<instance>``, else ``<role>/<instance>``."""
         parts = (self.model,) if self.role == "model" else (self.role, self.model)
         return "/".join(part for part in (*parts, self.instance) if part)
 
@@ -79,17 +79,31 @@ def parse_address(key: str) -> tuple[Address, str]:
         raise RequestError(f"expected a key under {ROOT}, got {key[:200]!r}")
     task, *rest = key.removeprefix(f"{ROOT}/").split("/")
     for role in ROLES:
-        if rest and rest[0] == role:
-            if role in OF_A_MODEL and len(rest) >= 4:
-                return Address(task, role, rest[1], rest[2]), "/".join(rest[3:])
-            if role not in OF_A_MODEL and len(rest) >= 3:
-                return Address(task, role, None, rest[1]), "/".join(rest[2:])
+        names = 2 if role in MODEL_ROLES else 1
+        if rest[:1] == [role] and len(rest) >= names + 2:
+            model = rest[1] if names == 2 else None
+            return Address(task, role, model, rest[names]), "/".join(rest[names + 1 :])
     raise RequestError(f"expected a worker's key, got {key[:200]!r}")
 
 
 def alias(task: str, leaf: str) -> str:
-    """Return the key that reaches any orchestrator of a task (``*``: of every task), ``.../<task>/optimize``."""
+    """Return the key that reaches any worker that serves it for a task (``*``: every task), ``.../<task>/optimize``."""
     return f"{ROOT}/{task if task == '*' else check_name('task', task)}/{leaf}"
+
+
+def trial_key(task: str, robot: str) -> str:
+    """Return the key on which a robot reports its trials, ``.../<task>/trial/<robot>``."""
+    return alias(task, f"{TRIAL}/{check_name('robot', robot)}")
+
+
+def robot_of(key: str) -> str | None:
+    """Return whose trials are reported on a key, None if it is no key of `trial_key`.
+
+    Raises:
+        RequestError: It is one, but its last chunk is no name.
+    """
+    parts = key.removeprefix(f"{ROOT}/").split("/")
+    return check_name("robot", parts[2]) if len(parts) == 3 and parts[1] == TRIAL else None
 
 
 def every_live(task: str) -> str:

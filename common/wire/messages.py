@@ -189,7 +189,7 @@ class Health(Reply):
     computing_s: Seconds | None = Field(description="Age of the oldest unfinished computation [s], null if idle.")
     served: Count = Field(description="Requests answered with a reply.")
     failed: Count = Field(description="Requests answered with an error by the model's fault.")
-    refused: Count = Field(description="Requests answered with another error.")
+    refused: Count = Field(description="Requests answered with another error, puts that were refused included.")
     uptime_s: Seconds = Field(description="Since it began to serve [s].")
     cost: tuple[Cost, ...] = ()
 

@@ -19,7 +19,7 @@ class EventMessage(Reply):
     """Something that went wrong and was dealt with, or a worker that came or left."""
 
     kind: str
-    worker: str = Field(description="<model>/<instance>, mde/<model>/<instance> or orchestrator/<instance>.")
+    worker: str = Field(description="<model>/<instance>, mde/<model>/<instance>, else <role>/<instance>.")
     detail: str
     time: float = Field(description="Since the optimisation, or the call, began [s].")
 

@@ -6,26 +6,26 @@ from collections.abc import Sequence
 import zenoh
 
 from common.domain.errors import RequestError, UnavailableError
-from common.wire.keys import ROOT, check_name
+from common.wire.keys import MODEL_ROLES, ROLES, ROOT, check_name
 
 ATTEMPT_MS = 1000
 ANSWER_S = 3.0
 
 
 def health_key(name: str, *, instance: str) -> str:
-    """Return the key expression of the health of a model's worker, of an MDE, or of the orchestrator.
+    """Return the key expression of the health of a model's worker, of an MDE, or of a worker without a model.
 
     Args:
-        name: A model, ``mde/<model>``, or ``orchestrator``.
+        name: A model, ``mde/<model>``, or a role without a model: ``orchestrator``, ``recorder``, ``world``.
         instance: A name or a key expression of one chunk, ``host-$*`` for instance.
     """
     kind, _, model = name.rpartition("/")
-    if name == "orchestrator":
+    if name in ROLES and name not in MODEL_ROLES:
         worker = name
     elif kind in ("", "mde"):
         worker = f"{kind or 'model'}/{check_name('name', model)}"
     else:
-        raise RequestError(f"name: expected a model, mde/<model> or orchestrator, got {name[:80]!r}")
+        raise RequestError(f"name: expected a model, mde/<model> or a role without one, got {name[:80]!r}")
     return f"{ROOT}/*/{worker}/{instance}/health"
 
 

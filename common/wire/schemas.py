@@ -26,6 +26,7 @@ from common.wire.messages import (
     PredictRequest,
 )
 from common.wire.optimization import OptimizeReply, OptimizeRequest, Progress
+from common.wire.report import TrialReply, TrialReport
 from common.wire.world import ExecuteReply, ExecuteRequest, LookReply, LookRequest
 
 FOLDER = Path(__file__).parents[2] / "proto_schemas"
@@ -42,6 +43,8 @@ MESSAGES: Mapping[str, type[BaseModel]] = {
         OptimizeRequest,
         OptimizeReply,
         Progress,
+        TrialReport,
+        TrialReply,
         LookRequest,
         LookReply,
         ExecuteRequest,

@@ -9,12 +9,18 @@ from matplotlib.figure import Figure
 from pipelines.experiments.experiment import Experiment
 from pipelines.experiments.numbers import Number
 
-STYLES = (("#0072B2", "o", "-"), ("#D55E00", "s", "--"), ("#009E73", "^", ":"), ("#CC79A7", "D", "-."))
+STYLES = (
+    ("#0072B2", "o", "-"),
+    ("#D55E00", "s", "--"),
+    ("#009E73", "^", ":"),
+    ("#CC79A7", "D", "-."),
+    ("#666666", "v", "--"),
+)
 """(colour, marker, line) of each series."""
 
 
 def draw_curves(experiment: Experiment, numbers: Sequence[Number]) -> Figure:
-    """Draw a curve for each series, its 95% interval shaded; the axis of trials is logarithmic, except for 0."""
+    """Draw a curve for each series, its 95% interval shaded; the axis of trials is logarithmic, except near 0."""
     figure = Figure(figsize=(7.5, 4.8), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()
@@ -22,16 +28,20 @@ def draw_curves(experiment: Experiment, numbers: Sequence[Number]) -> Figure:
     for series, (color, marker, line) in zip(experiment.series, STYLES * len(experiment.series), strict=False):
         own = [one for one in numbers if one.key.startswith(f"{series.key}.")]
         trials = [int(one.key.rpartition(".")[2]) for one in own]
-        everywhere |= set(trials)
         values = np.array([(one.value, one.low, one.high) for one in own], dtype=np.float64)
+        if len(own) == 1:  # what does not depend on trials is a level
+            ax.axhline(values[0, 0], color=color, linestyle=line, label=series.label)
+            ax.axhspan(values[0, 1], values[0, 2], color=color, alpha=0.1, linewidth=0)
+            continue
+        everywhere |= set(trials)
         ax.plot(trials, values[:, 0], color=color, marker=marker, linestyle=line, label=series.label)
         ax.fill_between(trials, values[:, 1], values[:, 2], color=color, alpha=0.15, linewidth=0)
-    ax.set_xscale("symlog", linthresh=5)
+    ax.set_xscale("symlog", linthresh=5, linscale=0.4)
     ax.set_xticks(sorted(everywhere), [str(count) for count in sorted(everywhere)])
     ax.set_xticks([], minor=True)
     ax.set(xlabel="trials trained with", ylabel="mean absolute error on the test trials, scaled")
     ax.set_ylim(bottom=0)
     ax.grid(alpha=0.25)
     ax.legend()
-    ax.set_title(f"{experiment.title}: {len(numbers[0].seeds)} seeds, 95% intervals")
+    ax.set_title(f"{experiment.title}:\n{len(numbers[0].seeds)} seeds, 95% intervals")
     return figure

@@ -40,12 +40,14 @@ class Series(BaseModel, extra="forbid", frozen=True):
         label: What a reader sees.
         method: Name of the method in the raw results.
         measurement: Name of the measurement in the experiment; empty: the first.
+        before: Key of the series that it is an improvement of; empty: of none.
     """
 
     key: str
     label: str
     method: str
     measurement: str = ""
+    before: str = ""
 
 
 class Experiment(BaseModel, extra="forbid", frozen=True):
@@ -103,6 +105,9 @@ def read_experiment(path: Path) -> Experiment:
         raise RequestError(
             f"{path}: series: expected a measurement of {', '.join(found.measurements)}, got {', '.join(unknown)}"
         )
+    keys = {one.key for one in found.series}
+    if strange := {one.before for one in found.series} - {"", *keys}:
+        raise RequestError(f"{path}: series: expected before to be one of {', '.join(keys)}, got {', '.join(strange)}")
     return found
 
 

@@ -15,6 +15,7 @@ from pipelines.evaluate.strategies import Comparison, run_strategies
 from pipelines.evaluate.strategies_methods import parse_contender
 from pipelines.experiments.arrays import pack
 from pipelines.experiments.case_sets import CaseSet, find_cases
+from pipelines.experiments.finetunings import find_weights
 from pipelines.experiments.measure_optimise import find_kit
 from pipelines.experiments.parameters import Examples
 from pipelines.experiments.place import Place, Report
@@ -25,7 +26,7 @@ def measure_examples(parameters: Examples, folder: Path, place: Place, report: R
     """Optimise the first target of each region, and let the trusted model place the item at the answer."""
     cases = find_cases(place.data, parameters.cases)
     jobs = {str(index): 1 for index in first_of_regions(cases, parameters.regions)}
-    about = {**parameters.about(), "cases": cases.about(), **versions(place.weights(parameters.weights))}
+    about = {**parameters.about(), "cases": cases.about(), **versions(find_weights(parameters, place))}
     collect(folder / FILE, about, jobs, _Work(parameters, place), workers=place.workers, report=report)
 
 
@@ -80,7 +81,7 @@ class _Work:
         """
         parameters, index = self.parameters, int(job)
         case = find_cases(self.place.data, parameters.cases).case(index)
-        kit = find_kit(parameters.family, tuple(self.place.weights(parameters.weights).items()))
+        kit = find_kit(parameters.family, tuple(find_weights(parameters, self.place).items()))
         trusted = parameters.family[-1]
         method = parse_contender(parameters.method, trusted=trusted)
         plan = Comparison(index + 1, parameters.seed, parameters.evaluations, (method,), trusted, jitter=0)

@@ -11,6 +11,7 @@ from pipelines.evaluate.family import make_kit, versions
 from pipelines.evaluate.strategies import Comparison, Kit, run_strategies
 from pipelines.evaluate.strategies_methods import parse_contender
 from pipelines.experiments.case_sets import find_cases
+from pipelines.experiments.finetunings import find_weights
 from pipelines.experiments.parameters import Optimisations
 from pipelines.experiments.place import Place, Report
 from pipelines.experiments.raw import FILE, Row, collect
@@ -20,7 +21,7 @@ def measure_optimisations(parameters: Optimisations, folder: Path, place: Place,
     """Optimise every target with every method; targets are worked on at the same time, each in one process."""
     cases = find_cases(place.data, parameters.cases)
     jobs = {str(index): len(parameters.methods) for index in range(len(cases))}
-    about = {**parameters.about(), "cases": cases.about(), **versions(place.weights(parameters.weights))}
+    about = {**parameters.about(), "cases": cases.about(), **versions(find_weights(parameters, place))}
     make_plan(parameters, len(cases))
     collect(folder / FILE, about, jobs, _Work(parameters, place), workers=place.workers, report=report)
 
@@ -47,7 +48,7 @@ class _Work:
         """Return the rows of a target."""
         cases = find_cases(self.place.data, self.parameters.cases)
         index, case = int(job), cases.case(int(job))
-        weights = tuple(self.place.weights(self.parameters.weights).items())
+        weights = tuple(find_weights(self.parameters, self.place).items())
         kit = find_kit(self.parameters.family, weights)
         if self.parameters.resimulated:
             case = resimulated(case, kit)

@@ -10,6 +10,7 @@ from pipelines.experiments.measure_examples import measure_examples
 from pipelines.experiments.measure_mdes import measure_mdes
 from pipelines.experiments.measure_models import measure_models
 from pipelines.experiments.measure_optimise import measure_optimisations
+from pipelines.experiments.measure_trials import measure_active, measure_sample_size
 from pipelines.experiments.parameters import Parameters
 from pipelines.experiments.place import Place, Report
 from pipelines.experiments.raw import FILE, Raw, read_raw
@@ -19,6 +20,8 @@ MEASUREMENTS: dict[str, Callable[[Any, Path, Place, Report], None]] = {
     "optimise": measure_optimisations,
     "examples": measure_examples,
     "mdes": measure_mdes,
+    "sample_size": measure_sample_size,
+    "active": measure_active,
 }
 """Kind -> what makes the raw results: function of (parameters, folder, place, report)."""
 

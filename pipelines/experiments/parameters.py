@@ -76,21 +76,43 @@ class Against(BaseModel, extra="forbid", frozen=True):
     count: int = Field(ge=1)
 
 
+Way = Literal["last", "full", "scratch", "calibration"]
+"""How an MDE is fine-tuned, see `pipelines.mde.finetune`."""
+
+
+class Finetuned(BaseModel, extra="forbid", frozen=True):
+    """MDEs that are fine-tuned before something is measured with them.
+
+    Attributes:
+        trials: What they are fine-tuned on.
+        bases: Folder of the sim-to-sim weights below the released ones, by what is fine-tuned: ``mde_heuristic``, ...
+        method: How.
+        seed: Seed of it.
+    """
+
+    trials: Cases
+    bases: dict[str, str]
+    method: Way = "last"
+    seed: int = 0
+
+
 class OnCases(Parameters, frozen=True):
     """Something that is measured on cases.
 
     Attributes:
         cases: Which.
         weights: Folder below the released weights, by what is loaded: ``learned``, ``mde_heuristic``, ...
+        finetuned: MDEs that are fine-tuned first.
     """
 
     cases: Cases
     weights: dict[str, str] = {}
+    finetuned: Finetuned | None = None
 
     @property
     def needed(self) -> frozenset[str]:
         """Return the names of data sets and folders of trials."""
-        return self.cases.sources
+        return self.cases.sources | (self.finetuned.trials.sources if self.finetuned else frozenset())
 
 
 class ModelErrors(OnCases, frozen=True):
@@ -143,10 +165,12 @@ class Examples(OnCases, frozen=True):
 
 
 class MdeErrors(OnCases, frozen=True):
-    """What S2S MDEs say about simulated test samples and about trials.
+    """What S2S MDEs say about simulated test samples and about trials, before and after fine-tuning.
 
     Attributes:
         real: Trials that they are also asked about.
+        trials: Trials that they are fine-tuned on.
+        ways: How.
         models: Whose MDEs.
         trainings: Seeds of the trainings; released weights are taken where they were trained like this.
         epochs: Passes over the data, None: the usual number.
@@ -154,6 +178,8 @@ class MdeErrors(OnCases, frozen=True):
 
     kind: Literal["mdes"] = "mdes"
     real: Cases | None = None
+    trials: Cases | None = None
+    ways: tuple[Way, ...] = ("last",)
     models: tuple[str, ...] = Field(min_length=1)
     trainings: tuple[int, ...] = Field(default=(0, 1, 2), min_length=1)
     epochs: int | None = Field(default=None, ge=1)
@@ -166,7 +192,56 @@ class MdeErrors(OnCases, frozen=True):
     @property
     def needed(self) -> frozenset[str]:
         """Return the names of data sets and folders of trials."""
-        return self.cases.sources | (self.real.sources if self.real else frozenset())
+        others = (self.real, self.trials)
+        return self.cases.sources.union(*(one.sources for one in others if one is not None))
 
 
-AnyParameters = Annotated[ModelErrors | Optimisations | Examples | MdeErrors, Field(discriminator="kind")]
+class OnTrials(OnCases, frozen=True):
+    """What the MDE of a model learns from trials.
+
+    Attributes:
+        trials: What it may learn from.
+        model: Whose MDE.
+        counts: Numbers of trials.
+        trainings: Seeds: which trials come first, and whatever is random in the training.
+    """
+
+    trials: Cases
+    model: str
+    counts: tuple[int, ...] = Field(min_length=1)
+    trainings: tuple[int, ...] = Field(default=(0, 1, 2), min_length=1)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Return the seeds of the trainings."""
+        return self.trainings
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """Return the names of data sets and folders of trials."""
+        return self.cases.sources | self.trials.sources
+
+
+class SampleSize(OnTrials, frozen=True):
+    """The error over the number of trials, by every method."""
+
+    kind: Literal["sample_size"] = "sample_size"
+    methods: tuple[Way, ...] = Field(min_length=1)
+
+
+class ActiveChoice(OnTrials, frozen=True):
+    """The error over the number of trials that were chosen, by every acquisition.
+
+    Attributes:
+        acquisitions: Names of `pipelines.mde.active.ACQUISITIONS`.
+        first: Trials that are drawn by chance before the first choice.
+    """
+
+    kind: Literal["active"] = "active"
+    acquisitions: tuple[Literal["random", "lcb", "variance", "integrated"], ...] = Field(min_length=1)
+    first: int = Field(default=5, ge=2)
+
+
+AnyParameters = Annotated[
+    ModelErrors | Optimisations | Examples | MdeErrors | SampleSize | ActiveChoice, Field(discriminator="kind")
+]

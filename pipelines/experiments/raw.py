@@ -3,13 +3,12 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from common.domain.errors import RequestError
+from pipelines.data.local import local_processes
 from pipelines.experiments.place import Report
 
 Row = dict[str, Any]
@@ -93,13 +92,10 @@ def collect(
             for job in todo:
                 keep(job, work(job))
             return
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with local_processes(workers) as pool:
             futures = {job: pool.submit(work, job) for job in todo}
-            try:
-                for job, future in futures.items():
-                    keep(job, future.result())
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+            for job, future in futures.items():
+                keep(job, future.result())
 
 
 def _resume(path: Path, header: Mapping[str, Any], jobs: Mapping[str, int]) -> set[str]:

@@ -1,6 +1,7 @@
 """Errors of MDEs over the number of trials that they were trained with, and differences between two ways."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from common.domain.errors import RequestError
 from pipelines.experiments.draw_curves import draw_curves
@@ -16,7 +17,8 @@ from pipelines.experiments.view_mdes import UNIT
 def learning_curves(experiment: Experiment, results: Mapping[str, Raw]) -> Shown:
     """Return ``<key>.<trials>``, the mean absolute error on the test trials over samples and seeds, for each series.
 
-    ``difference.<key>.<trials>`` is the first series minus that one, paired by seed and sample.
+    ``difference.<key>.<trials>`` is the first series minus that one, paired by seed and sample. ``reached.<key>`` is
+    the fewest trials with which it is as good as the first series with its most.
 
     Raises:
         RequestError: A series has no raw results.
@@ -52,4 +54,23 @@ def learning_curves(experiment: Experiment, results: Mapping[str, Raw]) -> Shown
                 differences.append(
                     number(experiment, f"difference.{series.key}.{trials}", (row, column), change, UNIT, **about)
                 )  # fmt: skip
-    return Shown((*numbers, *differences), draw_curves(experiment, numbers))
+    return Shown((*numbers, *differences, *_reached(experiment, numbers)), draw_curves(experiment, numbers))
+
+
+def _reached(experiment: Experiment, numbers: Sequence[Number]) -> list[Number]:
+    """Return ``reached.<key>``: the fewest trials with which a series is as good as the first one with its most."""
+    by_series = {
+        series.key: {int(one.key.rpartition(".")[2]): one for one in numbers if one.key.startswith(f"{series.key}.")}
+        for series in experiment.series
+    }
+    (_, first), *others = by_series.items()
+    goal = first[max(first)]
+    found: list[Number] = []
+    for other, own in others:
+        enough = [trials for trials, one in sorted(own.items()) if trials and one.value <= goal.value]
+        if enough:
+            label = next(series.label for series in experiment.series if series.key == other)
+            row = f"trials with which {label} is as good as {experiment.series[0].label} with {max(first)}"
+            reached = replace(goal, key=f"reached.{other}", row=row, column="trials", value=float(enough[0]))
+            found.append(replace(reached, low=None, high=None, unit="", paper=None))
+    return found

@@ -61,7 +61,7 @@ def _draw(experiment: Experiment, raw: Raw) -> Figure:
         list(labels.values()), list(labels), loc="outside lower center", ncols=len(labels), facecolor="#BBBBBB",
         framealpha=1,
     )  # fmt: skip
-    figure.suptitle(f"{experiment.title}: {raw.header['parameters']['method']}")
+    figure.suptitle(f"{experiment.title}: {raw.rows[0]['method']}")
     return figure
 
 

@@ -24,7 +24,9 @@ def error_and_time(experiment: Experiment, results: Mapping[str, Raw]) -> Shown:
     ``<key>.error`` and ``.median`` are mean and median of the action error, the distance from the true action;
     ``.time`` and ``.processor`` the mean wall and processor time of one optimisation; ``.calls`` the calls of the
     trusted model.
-    ``.error_ratio`` and ``.time_ratio`` are paired ratios of means to the trusted model alone.
+    ``.error_ratio`` and ``.time_ratio`` are paired ratios of means to the trusted model alone, times to its own run in
+    the same measurement where there is one. ``.change`` and ``.calls_change`` are paired differences to the series
+    before.
     """
     found, trusted = paired(experiment, results), _trusted(results)
     alone = next((one.key for one in experiment.series if one.method == f"only:{trusted}"), None)
@@ -42,10 +44,21 @@ def error_and_time(experiment: Experiment, results: Mapping[str, Raw]) -> Shown:
         if alone not in (None, series.key):
             others = found[alone]
             error = made.sample.ratio(errors, MM * _column(others, "action_error_m"))
-            time = made.sample.ratio(times, _column(others, "wall_s"))
+            own = _alone(results, series, f"only:{trusted}")
+            beside = [own[row["target"]] for row in rows] if own else others
+            time = made.sample.ratio(times, _column(beside, "wall_s"))
             numbers += [
                 made("error_ratio", f"error over only:{trusted}'s", error, ""),
                 made("time_ratio", f"time over only:{trusted}'s", time, ""),
+            ]
+        if series.before:
+            label = next(one.label for one in experiment.series if one.key == series.before)
+            earlier = found[series.before]
+            change = made.sample.difference(errors, MM * _column(earlier, "action_error_m"))
+            calls = made.sample.difference(_column(rows, "calls"), _column(earlier, "calls"))
+            numbers += [
+                made("change", f"error minus that of {label}, paired", change, "mm"),
+                made("calls_change", f"calls minus those of {label}, paired", calls, ""),
             ]
     return Shown(tuple(numbers), draw_error_and_time(experiment, numbers))
 
@@ -87,6 +100,12 @@ def paired(experiment: Experiment, results: Mapping[str, Raw]) -> Found:
     if not shared:
         raise RequestError(f"{experiment.name}: expected a target that every method has done, got none")
     return {key: [rows[target] for target in shared] for key, rows in found.items()}
+
+
+def _alone(results: Mapping[str, Raw], series: Series, method: str) -> dict[int, Row]:
+    """Return what the trusted model alone did in a series' measurement, by target; nothing if it did not take part."""
+    raw = results[series.measurement or next(iter(results))]
+    return {row["target"]: row for row in raw.rows if row["method"] == method and "error" not in row}
 
 
 class _Maker:

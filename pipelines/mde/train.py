@@ -109,7 +109,7 @@ def train_ensemble(
     calibration = np.flatnonzero(part == CALIBRATION)
     with seeded(seed):
         members = [VARIANTS[settings.variant](grid, **settings.network) for _ in range(settings.members)]
-    data = _Tensors.of(examples, members[0].pooling)
+    data = Tensors.of(examples, members[0].pooling)
     ensemble = Ensemble(members)
     found: list[tuple[NDArray[np.float64], ...]] = []
     for index, member in enumerate(members):
@@ -156,7 +156,7 @@ def parts(groups: NDArray[np.integer], settings: EnsembleSettings) -> NDArray[np
 
 
 @dataclass(frozen=True)
-class _Tensors:
+class Tensors:
     """The examples as a network sees them."""
 
     scene: Tensor
@@ -165,7 +165,8 @@ class _Tensors:
     deviations: Tensor
 
     @classmethod
-    def of(cls, examples: Examples, pooling: int) -> "_Tensors":
+    def of(cls, examples: Examples, pooling: int) -> "Tensors":
+        """Return examples as networks with this pooling see them."""
         samples = examples.samples
         return cls(
             inputs(samples.scene_heights, samples.scene_materials, pooling),

@@ -158,6 +158,30 @@ def world(*, instance: str, task: str) -> None:
     sys.exit(run_host(lambda session: host_world(session, served, task=task, instance=instance), WireSettings()))
 
 
+@serve.command()
+@INSTANCE
+@TASK
+@click.option(
+    "--folder",
+    envvar="FRUGAL_TRIALS",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Where the trials are kept; one recorder writes to it.",
+)
+@click.option(
+    "--grid",
+    type=(int, int, float),
+    metavar="ROWS COLUMNS CELL",
+    help="The only grid that is taken, cell in metres [default: that of the first trial].",
+)
+def recorder(*, instance: str, task: str, folder: Path, grid: tuple[int, int, float] | None) -> None:
+    """Keep the trials that robots report."""
+    from services.recorder import run_recorder
+
+    taken = None if grid is None else Grid(*grid)
+    sys.exit(run_recorder(WireSettings(), task=TASKS[task], instance=instance, folder=folder, grid=taken))
+
+
 def load_model(where: str) -> PredictiveModel:
     """Return an instance of a class in a file, ``path/to/file.py:Class``.
 

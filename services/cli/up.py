@@ -15,6 +15,7 @@ from common.wire.keys import Address
 from common.wire.session import open_session, stop_on_signals
 from common.wire.settings import WireSettings
 from services.cli.asking import say
+from services.cli.folders import state_folder, trials_folder
 from services.cli.processes import Crew
 from services.cli.released import is_released
 from services.cli.warm import compile_kernels
@@ -22,7 +23,7 @@ from services.cli.warm import compile_kernels
 READY_S = 180.0
 ESTIMATED = ("heuristic", "learned")
 """Models whose MDEs are released."""
-JOURNAL = "FRUGAL_ORCHESTRATOR_JOURNAL"
+JOURNAL, TRIALS = "FRUGAL_ORCHESTRATOR_JOURNAL", "FRUGAL_TRIALS"
 
 
 @click.command()
@@ -32,34 +33,30 @@ JOURNAL = "FRUGAL_ORCHESTRATOR_JOURNAL"
     "--logs", type=click.Path(path_type=Path), help="Folder for one log a process; else all on this terminal."
 )
 def up(*, task: str, simulators: int, logs: Path | None) -> None:
-    """Start router, models, their MDEs and orchestrator, and keep them running until interrupted.
+    """Start router, models, their MDEs, orchestrator and recorder, and keep them running until interrupted.
 
     The learned model and the MDEs are started where their released weights are.
 
     The router listens at FRUGAL_LISTEN (default tcp/127.0.0.1:7447). A process that ends is restarted. An optimisation
     that was interrupted goes on when the same request comes again; until then it is kept in the folder
-    FRUGAL_ORCHESTRATOR_JOURNAL (default: frugal/journal in the user's folder for state; empty: nowhere).
+    FRUGAL_ORCHESTRATOR_JOURNAL (default: frugal/journal in the user's folder for state; empty: nowhere). Trials that
+    robots report are kept in the folder FRUGAL_TRIALS (default: frugal/trials/<task> there; empty: nobody takes them).
     """
     stop = stop_on_signals()
     settings = WireSettings()
     own = settings.model_copy(update={"connect": settings.listen})
     check_free(own)
     compile_kernels()
-    environment = {JOURNAL: str(journal_folder()), **os.environ, "FRUGAL_CONNECT": ",".join(settings.listen)}
+    folders = {JOURNAL: str(state_folder() / "journal"), TRIALS: str(trials_folder(task))}
+    environment = {**folders, **os.environ, "FRUGAL_CONNECT": ",".join(settings.listen)}
     with Crew(environment=environment, log_folder=logs) as crew:
-        expected = start_system(crew, simulators=simulators, task=task)
+        expected = start_system(crew, simulators=simulators, task=task, has_recorder=bool(environment[TRIALS]))
         wait_until_ready(crew, own, expected, stopped=stop.is_set)
         say("ready; stop with Ctrl-C")
         while not stop.wait(0.5):
             for news in crew.mend():
                 say(news)
         say("stopping")
-
-
-def journal_folder() -> Path:
-    """Return where this user's optimisations are kept until they are answered, by the XDG base directories."""
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state) / "frugal" / "journal"
 
 
 def check_free(settings: WireSettings) -> None:
@@ -73,8 +70,8 @@ def check_free(settings: WireSettings) -> None:
     raise UnavailableError(f"expected nobody to listen at {where}, got a router: is the system up already?")
 
 
-def start_system(crew: Crew, *, simulators: int, task: str = "plating") -> Counter[str]:
-    """Start every process and return how many workers of each name will be there."""
+def start_system(crew: Crew, *, simulators: int, task: str = "plating", has_recorder: bool = False) -> Counter[str]:
+    """Start every process, a recorder only if wanted, and return how many workers of each name there will be."""
 
     def start(name: str, *arguments: str) -> None:
         crew.start(name, *arguments, "--task", task)
@@ -92,11 +89,14 @@ def start_system(crew: Crew, *, simulators: int, task: str = "plating") -> Count
         if is_released(f"mde_{model}"):
             start(f"mde-{model}", "mde", "--model", model, "--instance", f"mde-{model}-1")
             expected[f"mde/{model}"] = 1
+    if has_recorder:
+        start("recorder", "recorder", "--instance", "recorder-1")
+        expected["recorder"] = 1
     return expected
 
 
 def worker_name(address: Address) -> str:
-    """Return what kind of worker an address is of: its model, ``mde/<model>`` or ``orchestrator``."""
+    """Return what kind of worker an address is of: its model, ``mde/<model>``, or its role if it has no model."""
     if address.role == "mde":
         return f"mde/{address.model}"
     return address.model or address.role

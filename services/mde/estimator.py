@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from common.domain.deviation import DeviationEstimator, Estimates
 from common.domain.errors import ModelError
 from common.domain.scene import State
+from common.learning.weights import CARD, parse_card
 from services.mde.ensemble import Calibrated, Inference, load_ensemble, parse_ensemble
 from services.mde.network import Encoding, inputs
 
@@ -131,11 +132,11 @@ def parse_estimator(card_json: bytes, tensors: bytes, *, instead_of: NetworkEsti
             that ``d_max`` would mean something else in the middle of an optimisation.
     """
     name = f"mde_{instead_of.model}"
-    found = NetworkEstimator(parse_ensemble(card_json, tensors, model=instead_of.model, where=name))
+    card = parse_card(card_json, where=f"{name}/{CARD}", name=name)
     for what, expected, got in (
-        ("grid", instead_of.grid, found.grid),
-        ("deviation_scale_m", instead_of.scale_m, found.scale_m),
+        ("grid", instead_of.grid, card.grid.grid()),
+        ("deviation_scale_m", instead_of.scale_m, card.deviation_scale_m),
     ):
         if got != expected:
             raise ModelError(f"{name}: {what}: expected {expected} as of the MDE that is served, got {got}")
-    return found
+    return NetworkEstimator(parse_ensemble(card_json, tensors, model=instead_of.model, where=name))

@@ -69,6 +69,30 @@ class Familiarity:
         reach_m = float(np.hypot(actions[:, 0], actions[:, 1]).max())
         return cls(grid, tuple(plate.tolist()), max(misfits), ranges, reach_m)
 
+    def extended(
+        self,
+        heights: Floats,
+        materials: Floats,
+        item_heights: Floats,
+        item_materials: Floats,
+        *,
+        actions: Floats,
+    ) -> "Familiarity":
+        """Return what is covered together with further states and actions, given as to `of`.
+
+        The known plate stays; the share of bare cells that may be off it grows to the largest of the new scenes, where
+        a camera's noise and holes are. A range grows to the new values and takes in all that lies between.
+        """
+        added = Familiarity.of(self.grid, heights, materials, item_heights, item_materials, actions=actions)
+        expected = np.array(self.plate)[_rings(self.grid)]
+        misfits = [_misfit(one, bare, expected) for one, bare in zip(heights, _is_bare(materials), strict=True)]
+        ranges = dict(self.ranges)
+        for name, (low, high) in added.ranges.items():
+            least, most = ranges.get(name, (low, high))
+            ranges[name] = min(least, low), max(most, high)
+        misfit, reach_m = max(self.plate_misfit, *misfits), max(self.reach_m, added.reach_m)
+        return Familiarity(self.grid, self.plate, misfit, ranges, reach_m)
+
     def complaint(self, state: State) -> str:
         """Return in what a state differs from all that is covered, empty if in nothing."""
         if state.grid != self.grid:

@@ -53,7 +53,11 @@ class DeviationNetwork(nn.Module, ABC):
 
     def estimate(self, descriptions: Tensor) -> tuple[Tensor, Tensor]:
         """Return the median and its distance to the raw upper bound, ``(B,)`` each, from descriptions ``(B, F)``."""
-        median, gap = self.last(descriptions).unbind(dim=1)
+        return self.read(self.last(descriptions))
+
+    def read(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the median and its distance to the raw upper bound ``(...)`` from the last layer's ``(..., 2)``."""
+        median, gap = outputs.unbind(dim=-1)
         if not self.bounded:
             return median, torch.ones_like(median)
         return median, functional.softplus(gap) + NARROWEST

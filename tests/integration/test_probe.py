@@ -39,7 +39,15 @@ def test_the_answer_of_another_worker_does_not_count(endpoint: str, name: str, i
 
 def test_an_mde_is_named_with_its_model() -> None:
     assert health_key("mde/learned", instance="a") == "frugal/@v1/*/mde/learned/a/health"
-    with pytest.raises(RequestError, match="expected a model, mde/<model> or orchestrator"):
+
+
+@pytest.mark.parametrize("role", ["orchestrator", "recorder", "world"])
+def test_a_worker_without_a_model_is_named_by_its_role(role: str) -> None:
+    assert health_key(role, instance="a") == f"frugal/@v1/*/{role}/a/health"
+
+
+def test_a_name_of_no_role_is_refused() -> None:
+    with pytest.raises(RequestError, match="expected a model, mde/<model> or a role without one"):
         health_key("nowhere/learned", instance="a")
 
 

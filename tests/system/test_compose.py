@@ -17,6 +17,7 @@ MODULES = {
     "router": {"zenoh"},
     "heuristic": {"zenoh"},
     "orchestrator": {"zenoh"},
+    "recorder": {"zenoh"},
     "simulator": {"zenoh", "scipy", "warp"},
     "learned": {"zenoh", "torch"},
     "mde-heuristic": {"zenoh", "torch"},
@@ -70,7 +71,7 @@ def running(containers: Containers, service: str) -> set[str]:
 def test_every_service_becomes_healthy(containers: Containers) -> None:
     listed = containers.list()
     assert all(container.is_well for container in listed), containers.report()
-    once = ("router", "heuristic", "learned", "mde-heuristic", "mde-learned", "orchestrator", "warm")
+    once = ("router", "heuristic", "learned", "mde-heuristic", "mde-learned", "orchestrator", "recorder", "warm")
     expected = {**dict.fromkeys(once, 1), "simulator": 2}
     assert Counter(container.service for container in listed) == expected
 
@@ -120,6 +121,19 @@ def test_a_worker_that_crashes_is_back_and_serves(containers: Containers, tmp_pa
     containers.up()
     result, _ = optimize(containers, tmp_path, "--evaluations", "5", "--strategy", "only:heuristic")
     assert result["usage"] == {"heuristic": 5}
+
+
+def test_a_trial_reported_from_outside_is_in_the_volume_also_after_a_restart(
+    containers: Containers, tmp_path: Path
+) -> None:
+    scene = ROOT / "examples" / "scenes" / "04-medallion-bare.npz"
+    options = ("trials", "report", str(scene), "--robot", "arm-1", "--id", "first")
+    kept = containers.frugal(*options)
+    containers.compose("restart", "recorder")
+    containers.up()
+    assert containers.frugal(*options) == kept
+    containers.compose("cp", "recorder:/var/lib/frugal/trials/.", str(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == [kept["file"]]
 
 
 def test_every_process_stops_when_asked(containers: Containers) -> None:

@@ -23,7 +23,14 @@ def raw(rows: Sequence[Row], *, parameters: Any = None, seeds: Sequence[int] = (
 
 def results(experiment: Experiment) -> Mapping[str, Raw]:
     """Return made-up raw results of every measurement of an experiment."""
-    makers = {"models": model_rows, "optimise": optimisation_rows, "examples": example_rows, "mdes": mde_rows}
+    makers = {
+        "models": model_rows,
+        "optimise": optimisation_rows,
+        "examples": example_rows,
+        "mdes": mde_rows,
+        "sample_size": lambda parameters: curve_rows(parameters, parameters.methods),
+        "active": lambda parameters: curve_rows(parameters, parameters.acquisitions),
+    }
     return {
         name: raw(makers[parameters.kind](parameters), parameters=parameters)
         for name, parameters in experiment.measurements.items()
@@ -106,6 +113,16 @@ def mde_rows(parameters: Any) -> list[Row]:
         rows += judgements(model, error=2 * error, seeds=parameters.seeds, stage="s2s", place="real", method="s2s")
         for method in ("last", "full"):
             rows += judgements(model, error=error, seeds=parameters.seeds, stage="s2r", place="real", method=method)
+    return rows
+
+
+def curve_rows(parameters: Any, ways: Sequence[str]) -> list[Row]:
+    """Return judgements whose error falls with the number of trials, faster for each way, and of no trial."""
+    rows = judgements("learned", error=0.5, seeds=parameters.seeds, method="s2s", stage="s2s", trials=0)
+    for place, way in enumerate(ways):
+        for trials in parameters.counts:
+            error = 0.4 / (1 + (1 + place) * trials / 20)
+            rows += judgements("learned", error=error, seeds=parameters.seeds, method=way, trials=trials)
     return rows
 
 

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from common.domain.case import Case
+from common.domain.deviation import Estimates
 from common.domain.errors import ModelError, RequestError
 from common.domain.grid import Floats
 from common.domain.scene import State
@@ -307,3 +309,27 @@ def test_every_named_set_exists_and_holds_the_strategies_of_the_paper_and_ours()
 def test_an_unknown_strategy_or_option_is_refused(name: str):
     with pytest.raises(RequestError, match="expected"):
         make_plan(2, (name,), evaluations=5)
+
+
+class Doubting(Radius):
+    """Knows no input."""
+
+    def deviations(self, state: State, actions: NDArray[np.float64]) -> Estimates:
+        found = super().deviations(state, actions)
+        return replace(found, familiar=np.zeros(len(actions), dtype=bool), reason="never seen")
+
+
+def test_a_trusting_method_uses_an_mde_that_doubts():
+    kit = Kit(
+        {"heuristic": HeuristicModel(), "simulator": Sinking()},
+        {"heuristic": Doubting("heuristic")},
+        {"heuristic": SCALING},
+        trusted="simulator",
+        make_trusted=Sinking,
+    )
+    plan = make_plan(1, ("threshold+d_max=1", "threshold+d_max=1+trusting"), evaluations=5)
+    found = {row["method"]: row for row in run_strategies(a_case(0), 0, plan, kit, set())}
+    assert set(found["threshold+d_max=1"]["usage"]) == {"simulator"}
+    assert found["threshold+d_max=1"]["unfamiliar"] == 5
+    assert set(found["threshold+d_max=1+trusting"]["usage"]) == {"heuristic"}
+    assert found["threshold+d_max=1+trusting"]["unfamiliar"] == 0

@@ -7,7 +7,7 @@ from common.domain.bodies import Bodies
 from common.domain.case import Case
 from common.domain.errors import RequestError
 from common.domain.grid import Grid
-from common.domain.scene import Scene, State
+from common.domain.scene import Item, Scene, State
 from common.storage.cases import read_case, read_cases, write_case
 from common.tasks.plating_sampler import sample_state
 
@@ -139,6 +139,23 @@ def test_a_file_that_is_no_archive_is_refused(tmp_path, content):
     (tmp_path / "one.npz").write_bytes(content)
     with pytest.raises(RequestError, match="expected a case file"):
         read_case(tmp_path / "one.npz")
+
+
+def test_a_file_with_one_damaged_byte_is_read_or_refused_and_nothing_else(tmp_path):
+    grid, path = Grid(4, 4, 0.02), tmp_path / "one.npz"
+    heights = np.zeros(grid.shape, dtype=np.float32)
+    item, materials = heights + np.float32(0.01), np.full((3, *grid.shape), 0.4, dtype=np.float32)
+    state = State(Scene(grid, heights, materials), Item(item, materials))
+    write_case(path, Case("one", 0, state, item, (0.0, 0.0), True))
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 11):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x2D]) + whole[place + 1 :])
+        try:
+            read_case(path)
+        except RequestError:
+            refused += 1
+    assert refused > 40
 
 
 def test_a_plain_array_is_refused(tmp_path):

@@ -192,8 +192,9 @@ def test_a_worker_that_is_killed_after_a_promotion_comes_back_with_the_promoted_
         done = served.command("promote", "mde_heuristic", str(made["2"]), "--wait")
         assert done.returncode == 0, done.stderr
         process.kill()
-        while directory.workers("mde", "heuristic"):
+        while gone := directory.workers("mde", "heuristic"):
             directory.wait_for_change(0.1)
+            directory.probe(gone[0].address)
     with served.start():
         directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
         answer = RemoteEstimator(directory, "heuristic", limits=Limits()).estimate(state, ACTIONS)

@@ -56,5 +56,7 @@ def start(endpoint: str, directory: Directory, tmp_path: Path) -> Iterator[Start
             return stack.enter_context(worker)
 
         yield start_one
-    while started & {worker.address.instance for worker in directory.workers()}:
+    while left := [one.address for one in directory.workers() if one.address.instance in started]:
         directory.wait_for_change(0.1)
+        for address in left:
+            directory.probe(address)  # the end of a token is not always told

@@ -8,7 +8,7 @@ from common.domain.errors import FrugalError, UnavailableError
 from common.storage.registry import CARD, TENSORS, Registry, Version
 from common.wire.client import WorkerStatus, list_workers
 from common.wire.keys import Address
-from common.wire.messages import LoadReply, LoadRequest
+from common.wire.messages import Health, LoadReply, LoadRequest
 from common.wire.query import NoReplyError, ask
 from common.wire.session import Session
 
@@ -104,7 +104,7 @@ class Promotion:
         try:
             reply = ask(session, address.key("load"), request, LoadReply, timeout_s=LOAD_S)
         except NoReplyError:
-            if address not in {one.address for one in self._workers()}:
+            if _is_gone(session, address):
                 self.say(f"{address.worker}: gone")
                 return
             raise UnavailableError(
@@ -155,6 +155,15 @@ class Promotion:
 
 def _weights(worker: WorkerStatus) -> str | None:
     return None if worker.card is None else worker.card.weights
+
+
+def _is_gone(session: Session, address: Address) -> bool:
+    """Return whether nobody answers for a worker; the token of a process that has just ended may still be there."""
+    try:
+        ask(session, address.key("health"), None, Health, timeout_s=LOAD_S)
+    except NoReplyError:
+        return True
+    return False
 
 
 def _request(version: Version) -> LoadRequest:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from common.domain.case import Case
 from common.domain.grid import Floats, Grid
 from common.domain.scene import State
 from common.learning.training import TrainingSettings
@@ -42,6 +43,18 @@ class Sinking(HeuristicModel):
 def small_settings(variant: str = "crop", *, members: int = 2, epochs: int = 2, seed: int = 0) -> EnsembleSettings:
     training = TrainingSettings(epochs=epochs, batch=8, learning_rate=3e-3, patience=epochs, threads=1, seed=seed)
     return EnsembleSettings(variant=variant, network=SMALL[variant], members=members, training=training)
+
+
+def make_trials(count: int, *, first: int = 0, shift_m: float = 0.0, share: float = 1.0) -> list[Case]:
+    """Return trials in a world that adds a share of what `Sinking` adds, and lifts everything by `shift_m` [m]."""
+    cases: list[Case] = []
+    for index in range(first, first + count):
+        made = _drawn("test", 1000 + index)
+        assert made.state is not None
+        scene = made.state.scene.heights
+        outcome = scene + share * (made.outcomes[0] - scene) + np.float32(shift_m)
+        cases.append(Case(f"trial-{index}", index, made.state, outcome, tuple(made.actions[0].tolist()), True))
+    return cases
 
 
 @cache

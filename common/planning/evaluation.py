@@ -131,6 +131,8 @@ class _Attempt:
         for model in owner.strategy.order(self._query()):
             if owner.stopped():
                 raise CancelledError("the optimisation has ended")
+            if model == owner.trusted:
+                self._estimate(model)  # it stays applicable; the trial tells how far it may be from the world
             began = owner.now()
             try:
                 predictions = owner.models[model].predict(owner.problem.state, self._action[None])

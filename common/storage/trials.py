@@ -108,7 +108,7 @@ class TrialStore:
         Raises:
             RequestError: Its task or grid is not the record's, the record has the same state, action and outcome by
                 another report, or another trial by the same one.
-            UnavailableError: The disk refuses it; it is not in the record, and can be sent again.
+            UnavailableError: The disk refuses it or may not hold it; the same report can be sent again.
         """
         digest = trial_digest(trial.case)
         with self._lock:

@@ -17,6 +17,7 @@ from pipelines.experiments.place import Place, Report
 from pipelines.experiments.raw import FILE, Row, collect
 from pipelines.mde.active import choose_next, points_of
 from pipelines.mde.active_belief import believe
+from pipelines.mde.active_representative import order_of
 from pipelines.mde.finetune import FinetuneSettings, Method, release_finetuned
 from pipelines.mde.trials import Trials
 from services.mde.ensemble import load_ensemble
@@ -101,6 +102,9 @@ class _Choosing:
                 rows += [{**about, **row} for row in tuned]
             if count == max(parameters.counts):
                 break
+            if acquisition == "representative":
+                chosen = order_of(points.described, chosen, count + 1)
+                continue
             left = [index for index in range(len(pairs)) if index not in chosen]
             belief = believe(points.part(chosen), scaled[chosen], points.part(left), candidates=len(left))
             assert acquisition in ("random", "lcb", "variance", "integrated")

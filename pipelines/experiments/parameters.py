@@ -233,12 +233,12 @@ class ActiveChoice(OnTrials, frozen=True):
     """The error over the number of trials that were chosen, by every acquisition.
 
     Attributes:
-        acquisitions: Names of `pipelines.mde.active.ACQUISITIONS`.
+        acquisitions: Names of `pipelines.mde.active.ACQUISITIONS`, or ``representative``.
         first: Trials that are drawn by chance before the first choice.
     """
 
     kind: Literal["active"] = "active"
-    acquisitions: tuple[Literal["random", "lcb", "variance", "integrated"], ...] = Field(min_length=1)
+    acquisitions: tuple[Literal["random", "lcb", "variance", "integrated", "representative"], ...] = Field(min_length=1)
     first: int = Field(default=5, ge=2)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.domain.errors import RequestError
 from common.domain.scene import State
+from common.learning.training import threads
 from pipelines.mde.active_belief import Belief, Points, believe
 from pipelines.mde.descriptions import describe_actions
 from pipelines.mde.finetune import sim_to_sim
@@ -86,7 +87,8 @@ def belief_of(
         candidates: What may be tried next.
         reference: What the robot will meet; the candidates if empty.
     """
-    known, points = (points_of(base, model, pairs) for pairs in (trials, [*candidates, *reference]))
+    with threads(1):
+        known, points = (points_of(base, model, pairs) for pairs in (trials, [*candidates, *reference]))
     count = sum(len(actions) for _, actions in candidates)
     return believe(known, np.asarray(deviations, dtype=np.float64), points, candidates=count)
 

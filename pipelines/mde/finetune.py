@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.domain.errors import RequestError
 from common.domain.scene import State
+from common.learning.training import threads
 from common.learning.weights import DatasetCard, WeightsCard, save, tensors_sha256
 from common.tasks.plating import Plating
 from pipelines.mde.examples import Examples
@@ -82,6 +83,11 @@ def finetune(base: Calibrated, trials: Trials, settings: FinetuneSettings) -> Tu
     examples, states = examples_of(base, trials), len(np.unique(trials.samples.groups))
     if states < FEWEST:
         raise RequestError(f"trials: expected {FEWEST} or more of different states, got {states}")
+    with threads(1):
+        return _finetune(base, trials, examples, settings)
+
+
+def _finetune(base: Calibrated, trials: Trials, examples: Examples, settings: FinetuneSettings) -> Tuned:
     arguments = {"iterations": settings.iterations, "seed": settings.seed}
     if settings.method == "full":
         found = finetune_full(base, examples, **arguments)

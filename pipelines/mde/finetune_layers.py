@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from common.learning.training import threads
 from services.mde.network import NARROWEST
 
 LEARNING_RATE = 0.01
@@ -115,19 +114,18 @@ def train_layers(
     unit = torch.tensor([1.0, GAP_UNIT]) ** 2
     penalty = unit * torch.tensor(strengths)[:, None] / sizes[:, None, None]
     optimizer = torch.optim.Adam([slopes, shifts], lr=LEARNING_RATE)
-    with threads(1):
-        for step in range(iterations):
-            for group in optimizer.param_groups:
-                group["lr"] = LEARNING_RATE * 0.5 * (1 + math.cos(math.pi * step / iterations))
-            turn = step % symmetries
-            median, raw = (outputs[:, turn, None, None] + changes.outputs(features[:, turn])).unbind(dim=-1)
-            errors = (deviations - median).abs()
-            if bounded:
-                above = deviations - median.detach() - functional.softplus(raw) - NARROWEST
-                errors = errors + torch.maximum(QUANTILE * above, (QUANTILE - 1) * above)
-            loss = (errors * shares).sum() + (penalty * slopes.square().sum(dim=-1)).sum()
-            loss = loss + (SHIFT_STRENGTH / sizes[:, None, None] * unit * shifts.square()).sum()
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
+    for step in range(iterations):
+        for group in optimizer.param_groups:
+            group["lr"] = LEARNING_RATE * 0.5 * (1 + math.cos(math.pi * step / iterations))
+        turn = step % symmetries
+        median, raw = (outputs[:, turn, None, None] + changes.outputs(features[:, turn])).unbind(dim=-1)
+        errors = (deviations - median).abs()
+        if bounded:
+            above = deviations - median.detach() - functional.softplus(raw) - NARROWEST
+            errors = errors + torch.maximum(QUANTILE * above, (QUANTILE - 1) * above)
+        loss = (errors * shares).sum() + (penalty * slopes.square().sum(dim=-1)).sum()
+        loss = loss + (SHIFT_STRENGTH / sizes[:, None, None] * unit * shifts.square()).sum()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
     return Changes(slopes.detach(), shifts.detach())

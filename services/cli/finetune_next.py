@@ -29,11 +29,12 @@ STEPS_MET = 9
 )
 @click.option(
     "--acquisition",
-    type=click.Choice(["random", "lcb", "variance", "integrated"]),
-    default="integrated",
+    type=click.Choice(["representative", "random", "lcb", "variance", "integrated"]),
+    default="representative",
     show_default=True,
-    help="Try where a trial tells most about the actions of --reference (integrated), where least is known (variance), "
-    "or where the model may well be applicable (lcb).",
+    help="Try what looks, with the trials so far, most like the actions of --reference (representative), where a trial "
+    "tells most about them (integrated), where least is known (variance), or where the model may well be applicable "
+    "(lcb).",
 )
 @click.option("--count", type=click.IntRange(1, 100), default=1, show_default=True, help="How many actions to propose.")
 @click.option("--steps", type=click.IntRange(2, 64), default=17, show_default=True, help="Candidates along x and y.")
@@ -51,7 +52,7 @@ def next_actions(
     model: str,
     scene: str,
     folder: Path | None,
-    acquisition: Literal["random", "lcb", "variance", "integrated"],
+    acquisition: Literal["representative", "random", "lcb", "variance", "integrated"],
     count: int,
     steps: int,
     reference: Path | None,
@@ -65,7 +66,8 @@ def next_actions(
     Prints x and y in metres, one action a line.
     """
     from common.storage.cases import read_cases
-    from pipelines.mde.active import belief_of, choose_next
+    from pipelines.mde.active import belief_of, choose_next, points_of
+    from pipelines.mde.active_representative import choose_representative
     from pipelines.mde.finetune import examples_of
 
     found, case = find_model(model, weights), find_case(scene)
@@ -86,7 +88,12 @@ def next_actions(
         candidates=[(case.state, actions)],
         reference=met,
     )
-    chosen = choose_next(belief, acquisition, count=count, seed=seed)
+    if acquisition == "representative":
+        tried, candidates = (points_of(start, found.name, one).described for one in (pairs, [(case.state, actions)]))
+        described = points_of(start, found.name, met).described if met else candidates
+        chosen = choose_representative(described, tried, candidates, count=count)
+    else:
+        chosen = choose_next(belief, acquisition, count=count, seed=seed)
     if as_json:
         told = [
             {

@@ -31,7 +31,10 @@ def trials() -> None:
 @TASK
 @click.option("--json", "as_json", is_flag=True, help="The trials as JSON on standard output.")
 def list_trials(*, folder: Path | None, task: str, as_json: bool) -> None:
-    """List the trials of a folder, in the order of recording."""
+    """List the trials of a folder, in the order of recording.
+
+    For people: item and what the outcome adds to the scene in cm3, actions in mm and rad. As JSON: SI units.
+    """
     found = _find(folder, task)
     if as_json:
         click.echo(json.dumps([trial.model_dump(mode="json") | {"file": trial.file} for trial in found.trials]))
@@ -39,18 +42,18 @@ def list_trials(*, folder: Path | None, task: str, as_json: bool) -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    names = ("number", "robot", "received", "item", "action", "item", "added", "digest")
+    names = ("number", "robot", "received", "item", "action, mm", "cm3", "added", "digest")
     drawn = Table(*(Column(name, no_wrap=True) for name in names), box=None, pad_edge=False)
     for trial in found.trials:
         drawn.add_row(
             str(trial.number),
             trial.robot,
-            f"{trial.received.astimezone():%Y-%m-%d %H:%M:%S}",
+            f"{trial.received.astimezone():%Y-%m-%d %H:%M}",
             "rigid" if trial.rigid else "soft",
             _told(trial),
-            f"{trial.item_volume * 1e6:.0f} cm3",
-            f"{trial.added_volume * 1e6:.0f} cm3",
-            trial.digest[:12],
+            f"{trial.item_volume * 1e6:.0f}",
+            f"{trial.added_volume * 1e6:.0f}",
+            trial.digest[:8],
         )
     Console().print(drawn)
 
@@ -149,7 +152,7 @@ def _find(folder: Path | None, task: str) -> Record:
 
 def _told(trial: RecordedTrial) -> str:
     x, y, *turn = trial.action
-    return f"{x * 1e3:+.1f} {y * 1e3:+.1f} mm" + "".join(f" {yaw:+.3f} rad" for yaw in turn)
+    return f"{x * 1e3:+.1f} {y * 1e3:+.1f}" + "".join(f" {yaw:+.3f} rad" for yaw in turn)
 
 
 def _copy(source: Path, target: Path) -> None:

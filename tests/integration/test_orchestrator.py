@@ -108,6 +108,18 @@ def test_the_same_seed_gives_the_same_trials_remotely_and_locally(system: System
     assert {trial.instance for trial in first.trials} == {"a", "b"}
 
 
+@pytest.mark.parametrize("strategy", ["threshold", "quality"])
+def test_the_simulator_stays_applicable_with_an_mde_of_its_own_alive(system: System, strategy: str):
+    system.start("good", "a")
+    without = system.optimize(strategy=strategy)
+    system.workers.enter_context(running("mde", "simulator", "m", endpoint=system.endpoint, log=system.log))
+    system.wait_for(lambda names: "mde/simulator/m" in names)
+    result = system.optimize(strategy=strategy)
+    assert what(result.trials) == what(without.trials)
+    radius = [min(10 * float(np.hypot(*trial.action)), 1.0) for trial in result.trials]
+    assert [trial.estimates["simulator"] for trial in result.trials] == pytest.approx(radius)
+
+
 @pytest.mark.parametrize("replicas", [1, 3])
 def test_by_default_as_many_evaluations_are_in_flight_as_there_are_replicas(system: System, replicas: int):
     for instance in "abc"[:replicas]:

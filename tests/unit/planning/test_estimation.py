@@ -113,6 +113,32 @@ def test_trials_keep_mean_and_upper_bound():
     assert all(trial.unfamiliar == () for trial in result.trials)
 
 
+@pytest.mark.parametrize("strategy", ["threshold", "quality", "residual", "only:simulator"])
+def test_an_mde_of_the_trusted_model_tells_in_its_trials_and_changes_nothing_else(strategy: str):
+    models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
+    estimators = {"heuristic": FakeEstimator(mean=lambda x: 0.2 if x < 0 else 0.6)}
+    trusted = FakeEstimator(model="simulator", mean=lambda x: 0.9, margin=0.05, familiar=False)
+    options = {"strategy": strategy, "evaluations": 8}
+    without = optimize(PROBLEM, models, estimators, **options)
+    found = optimize(PROBLEM, models, {**estimators, "simulator": trusted}, **options)
+    assert [(trial.action, trial.model) for trial in found.trials] == [
+        (trial.action, trial.model) for trial in without.trials
+    ]
+    assert found.usage == without.usage
+    told = [trial for trial in found.trials if trial.model == "simulator"]
+    assert told
+    assert all(trial.estimates["simulator"] == 0.9 for trial in told)
+    assert all(trial.uppers["simulator"] == pytest.approx(0.95) for trial in told)
+    assert all("simulator" in trial.unfamiliar for trial in told)
+
+
+def test_a_failing_mde_of_the_trusted_model_is_an_event():
+    estimators = {"simulator": FakeEstimator(model="simulator", error=ModelError("no weights"))}
+    result = optimize(PROBLEM, {"simulator": FakeModel()}, estimators, strategy="only:simulator", evaluations=1)
+    assert result.usage == {"simulator": 1}
+    assert [(event.kind, event.worker) for event in result.events] == [("model_error", "mde/simulator")]
+
+
 def test_the_threshold_on_the_upper_bound_is_stricter():
     models = {"heuristic": FakeModel(name="heuristic"), "simulator": FakeModel()}
     estimators = {"heuristic": FakeEstimator(mean=lambda x: 0.3, margin=0.2)}

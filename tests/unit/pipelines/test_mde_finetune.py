@@ -40,7 +40,7 @@ def bases(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Calibrated]:
     folder = tmp_path_factory.mktemp("bases")
     dataset = write_dataset(folder / "small")
     for variant, members in (("crop", 2), ("paper", 1)):
-        write_weights(folder / variant, dataset, small_settings(variant, members=members, epochs=12))
+        write_weights(folder / variant, dataset, small_settings(variant, members=members, epochs=40))
     return {variant: load_ensemble(folder / variant, model="heuristic") for variant in ("crop", "paper")}
 
 
@@ -71,7 +71,7 @@ def tuned(base: Calibrated, learned: Trials, how: FinetuneSettings, folder: Path
 
 
 def test_deviations_are_those_of_the_model_from_the_real_outcomes():
-    found, cases = trials(6, shift_m=0.0003), make_trials(6, shift_m=0.0003)
+    found, cases = trials(6, shift_m=0.0001), make_trials(6, shift_m=0.0001)
     for case, metres in zip(cases, found.deviation_m, strict=True):
         heights = HeuristicModel().predict(case.state, np.array([case.true_action])).heights[0]
         assert metres == pytest.approx(float(deviation(heights, case.target)))
@@ -111,7 +111,7 @@ def test_it_is_an_error_if_the_model_fails_on_every_trial():
 def test_the_last_layers_alone_change(bases: dict[str, Calibrated], variant: str):
     base = bases[variant]
     before = {name: value.clone() for name, value in base.ensemble.state_dict().items()}
-    after = finetune(base, trials(12, shift_m=0.0004), settings(iterations=SHORT)).finetuned.ensemble.state_dict()
+    after = finetune(base, trials(12, shift_m=0.0001), settings(iterations=SHORT)).finetuned.ensemble.state_dict()
     changed = {name for name in before if not np.array_equal(before[name].numpy(), after[name].numpy())}
     members = len(base.ensemble.networks)
     lasts = {f"members.{member}.last.{part}" for member in range(members) for part in ("weight", "bias")}
@@ -122,7 +122,7 @@ def test_the_last_layers_alone_change(bases: dict[str, Calibrated], variant: str
 
 @pytest.mark.parametrize("method", ["last", "full", "scratch", "calibration"])
 def test_the_same_seed_gives_the_same_bytes(base: Calibrated, tmp_path: Path, method: Method):
-    how, learned = settings(method, iterations=4), trials(6, shift_m=0.0003)
+    how, learned = settings(method, iterations=4), trials(6, shift_m=0.0001)
     for name in ("one", "two"):
         release_finetuned(base, learned, tmp_path / name, how)
     for file in ("weights.safetensors", "card.json"):
@@ -134,7 +134,7 @@ def test_the_same_seed_gives_the_same_bytes(base: Calibrated, tmp_path: Path, me
 def test_what_is_written_is_what_was_trained_and_says_so(
     bases: dict[str, Calibrated], tmp_path: Path, method: Method, variant: str
 ):
-    base, learned, how = bases[variant], trials(6, shift_m=0.0003), settings(method, iterations=4)
+    base, learned, how = bases[variant], trials(6, shift_m=0.0001), settings(method, iterations=4)
     card = release_finetuned(base, learned, tmp_path, how)
     inside = finetune(base, learned, how)
     written = load_ensemble(tmp_path, model="heuristic")
@@ -157,17 +157,17 @@ def test_what_is_written_is_what_was_trained_and_says_so(
 
 @pytest.mark.parametrize("method", ["last", "full", "calibration"])
 def test_what_the_world_does_differently_is_learned(base: Calibrated, tmp_path: Path, method: Method):
-    learned, held_out = trials(24, shift_m=0.0004), trials(24, first=24, shift_m=0.0004)
+    learned, held_out = trials(24, shift_m=0.0001), trials(24, first=24, shift_m=0.0001)
     before = error_on(base, held_out)
     after = tuned(base, learned, settings(method, iterations=150 if method == "full" else 500), tmp_path)
-    assert error_on(after, held_out) < 0.6 * before
+    assert error_on(after, held_out) < 0.75 * before
     metrics = after.card.metrics
-    assert metrics["held_out"]["mae"] < 0.6 * metrics["before"]["mae"]
+    assert metrics["held_out"]["mae"] < 0.75 * metrics["before"]["mae"]
     assert metrics["before"]["mae"] == pytest.approx(error_on(base, learned), abs=1e-6)
 
 
 def test_a_world_that_scales_deviations_is_learned(base: Calibrated, tmp_path: Path):
-    learned, held_out = trials(40, share=0.7), trials(24, first=40, share=0.7)
+    learned, held_out = trials(40, share=0.9), trials(24, first=40, share=0.9)
     after = tuned(base, learned, settings(), tmp_path)
     assert error_on(after, held_out) < 0.8 * error_on(base, held_out)
 
@@ -179,14 +179,30 @@ def test_five_trials_of_the_known_world_do_little_harm(base: Calibrated, tmp_pat
     assert error_on(after, held_out) < error_on(base, held_out) + 0.02
 
 
-@pytest.mark.parametrize("method", ["last", "scratch", "calibration"])
+@pytest.mark.parametrize("method", ["last", "calibration"])
 def test_the_bound_holds_for_new_trials(base: Calibrated, tmp_path: Path, method: Method):
-    learned, held_out = trials(40, shift_m=0.0003, share=0.8), trials(24, first=40, shift_m=0.0003, share=0.8)
-    after = tuned(base, learned, settings(method, iterations=150), tmp_path)
-    estimator, truth = NetworkEstimator(after), examples_of(after, held_out).deviations
-    uppers = [estimator.estimate(state, actions).upper[0] for state, actions in held_out.pairs()]
-    assert np.mean(truth <= np.array(uppers) + 1e-6) >= 0.75  # 0.9 is meant: 18 of 24 or fewer happen once in 36
-    assert after.card.metrics["held_out"]["coverage"] >= 0.8
+    everyone = trials(100, shift_m=0.0001, share=0.9)
+    covered: list[float] = []
+    for seed in range(6):  # which 40 are learned from moves the coverage by 0.04
+        drawn = np.random.default_rng(seed).permutation(100)
+        learned, held_out = (everyone.subset(np.sort(part)) for part in (drawn[:40], drawn[40:]))
+        after = tuned(base, learned, settings(method), tmp_path)
+        estimator, truth = NetworkEstimator(after), examples_of(after, held_out).deviations
+        uppers = np.array([estimator.estimate(state, actions).upper[0] for state, actions in held_out.pairs()])
+        covered.append(float(np.mean(truth <= uppers + 1e-6)))
+        assert uppers.mean() < 0.99
+    assert 0.86 <= np.mean(covered) <= 0.98
+
+
+def test_the_bound_holds_for_the_stated_share_of_new_trials():
+    rng, covered, told = np.random.default_rng(0), [], []
+    for _ in range(300):
+        deviations, median, gap = rng.uniform(size=40), rng.uniform(size=40), rng.uniform(0.05, 0.2, 40)
+        found = calibrate(deviations[:30], median[:30], gap[:30], coverage=0.9, least=None)
+        covered.append((deviations[30:] <= median[30:] + found.factor * gap[30:]).mean())
+        told.append(found.coverage)
+    assert np.mean(covered) == pytest.approx(0.9, abs=0.02)
+    assert np.mean(told) == pytest.approx(0.9, abs=0.02)
 
 
 def test_few_trials_never_narrow_the_bound():

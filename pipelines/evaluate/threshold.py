@@ -19,6 +19,7 @@ from common.planning.optimize import optimize
 from common.planning.problem import Problem
 from common.storage.results import action_error
 from common.tasks import TASKS
+from pipelines.json_lines import read_json_lines
 
 TRUSTED = "simulator"
 
@@ -179,16 +180,9 @@ def read_records(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     Raises:
         RequestError: It is no such file.
     """
-    lines: list[dict[str, Any]] = []
-    texts = path.read_text().splitlines()
-    for number, text in enumerate(texts):
-        try:
-            lines.append(json.loads(text))
-        except ValueError:
-            if number < len(texts) - 1:
-                raise RequestError(f"{path}: expected JSON in line {number + 1}, got {text[:80]!r}") from None
+    lines = read_json_lines(path)
     if not lines or "experiment" not in lines[0]:
-        raise RequestError(f"{path}: expected an experiment in the first line, got {texts[:1]}")
+        raise RequestError(f"{path}: expected an experiment in the first line, got {lines[:1]!r:.80}")
     return lines[0]["experiment"], lines[1:]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from common.domain.errors import RequestError
 from pipelines.data.local import local_processes
 from pipelines.experiments.place import Report
+from pipelines.json_lines import read_json_lines
 
 Row = dict[str, Any]
 FILE = "raw.jsonl"
@@ -39,16 +40,9 @@ def read_raw(path: Path) -> Raw:
     Raises:
         RequestError: It is no such file.
     """
-    lines: list[dict[str, Any]] = []
-    texts = path.read_text().splitlines()
-    for number, text in enumerate(texts):
-        try:
-            lines.append(json.loads(text))
-        except ValueError:
-            if number < len(texts) - 1:
-                raise RequestError(f"{path}: expected JSON in line {number + 1}, got {text[:80]!r}") from None
+    lines = read_json_lines(path)
     if not lines or "measurement" not in lines[0]:
-        raise RequestError(f"{path}: expected a measurement in the first line, got {texts[:1]!r:.80}")
+        raise RequestError(f"{path}: expected a measurement in the first line, got {lines[:1]!r:.80}")
     return Raw(lines[0]["measurement"], lines[1:])
 
 

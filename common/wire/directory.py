@@ -26,6 +26,7 @@ LOAD_IS_FRESH_S = 1.0
 CARD_TIMEOUT_S = 1.0
 LOOK_S = 1.0
 PROBE_TIMEOUT_S = 1.0
+HEARD_S = 1.0
 STATES_REMEMBERED = 64
 
 
@@ -56,6 +57,7 @@ class _Entry:
     load: int = 0
     load_seen: float = -1e9
     suspect_until: float = -1e9
+    heard: float = -1e9
     states: OrderedDict[str, None] = field(default_factory=OrderedDict)
 
 
@@ -199,6 +201,7 @@ class Directory:
                 return
             entry.suspect_until = -1e9
             entry.load, entry.load_seen = load, time.monotonic()
+            entry.heard = entry.load_seen
             entry.states[digest] = None
             entry.states.move_to_end(digest)
             if len(entry.states) > STATES_REMEMBERED:
@@ -215,6 +218,16 @@ class Directory:
             entry = self._entries.get(address)
             if entry is not None:
                 entry.suspect_until = time.monotonic() + SUSPECT_S
+
+    def answers(self, address: Address) -> bool:
+        """Return whether a worker gave a good answer in the last `HEARD_S`, to any call, or answers its health key.
+
+        Under many calls the answer of the health key is late; it needs not be asked while others come.
+        """
+        with self._changed:
+            entry = self._entries.get(address)
+            heard = entry is not None and time.monotonic() - entry.heard < HEARD_S
+        return heard or self.probe(address)
 
     def probe(self, address: Address) -> bool:
         """Return whether a worker still answers its health key.

@@ -248,7 +248,7 @@ class _Watch:
         if self._cancelled():
             return True
         if time.monotonic() >= self._probe_at:
-            self.is_silent = not self._directory.probe(self._address)
+            self.is_silent = not self._directory.answers(self._address)
             self._probe_at = time.monotonic() + self._patience_s
         return self.is_silent
 

@@ -13,14 +13,14 @@ from common.domain.errors import UnavailableError
 from common.domain.grid import Grid
 from common.domain.scene import Item, Scene, State
 from common.wire.codec import encode
-from common.wire.directory import LOOK_S, Directory
+from common.wire.directory import HEARD_S, LOOK_S, Directory
 from common.wire.dispatch import Limits
 from common.wire.keys import Address
-from common.wire.messages import Card
+from common.wire.messages import Card, PredictReply
 from common.wire.remote import RemoteModel
 from common.wire.session import Session, open_session
 from common.wire.settings import WireSettings
-from tests.fakes import GRID, make_state
+from tests.fakes import GRID, Tilted, make_state
 
 STATE = make_state()
 ACTIONS = np.array([[0.01, 0.02]])
@@ -87,6 +87,33 @@ def test_a_forgotten_worker_that_shows_its_card_again_comes_back_as_a_suspect(se
             assert directory.wait_for("model", "tilted", timeout_s=START_S)[0].is_suspect
     while directory.workers("model", "tilted"):
         directory.wait_for_change(0.1)
+
+
+def test_a_worker_that_answers_other_calls_is_not_given_up_for_a_silent_health_key(
+    session: Session, directory: Directory
+):
+    busy = Address("plating", "model", "tilted", "busy")
+    reply = PredictReply.of(Tilted().predict(STATE, ACTIONS), instance="busy", compute_s=0.001)
+
+    def answer_late(query: zenoh.Query) -> None:
+        for _ in range(20):
+            time.sleep(0.1)
+            directory.record(busy, digest=STATE.digest, batch=1, compute_s=0.001, load=1)
+        payload, encoding = encode(reply)
+        with query:
+            query.reply(busy.key("predict"), payload, encoding=encoding)
+
+    handler = zenoh.handlers.Callback(answer_late, indirect=True)
+    with (
+        session.declare_queryable(busy.key("predict"), handler, complete=True),
+        session.liveliness().declare_token(busy.key("live")),
+        showing_a_card(session, busy),
+    ):
+        directory.wait_for("model", "tilted", timeout_s=START_S)
+        directory.record(busy, digest=STATE.digest, batch=1, compute_s=0.001, load=1)
+        assert RemoteModel(directory, "tilted", limits=LIMITS).predict(STATE, ACTIONS).events == ()
+        time.sleep(HEARD_S)
+        assert not directory.answers(busy)
 
 
 def test_a_card_that_did_not_come_is_asked_for_again(session: Session, directory: Directory):

@@ -32,8 +32,8 @@ def finetune_last(
 ) -> Finetuned:
     """Train the last layer of every member towards the trials, all other weights stay.
 
-    Cross-validation on the trials chooses the strength of the pull towards the first layer and whether anything is
-    learned at all; then every member is trained on all trials.
+    Cross-validation on the trials chooses the strength of the pull towards the first layer, and whether anything is
+    learned at all, see `choose`; then every member is trained on all trials.
 
     Args:
         base: What to begin with.
@@ -49,7 +49,8 @@ def finetune_last(
     sets = np.stack([np.ones(len(part), dtype=bool), *(part != fold for fold in range(part.max() + 1))])
     strengths = STRENGTHS if len(part) >= MANY else STRENGTHS_OF_FEW
     deviations = torch.from_numpy(examples.deviations)
-    best: tuple[float, Layers, Tensor, dict[str, object]] | None = None
+    options: list[tuple[Layers, Tensor, dict[str, object]]] = []
+    errors: list[NDArray[np.float64]] = []
     for name, start in _starts(ensemble, anew=anew).items():
         basis = _scales(start, descriptions) if scaled_only else Basis(ensemble.means, ensemble.whitenings)
         features, outputs = basis.features(descriptions), start.outputs(descriptions)
@@ -63,22 +64,37 @@ def finetune_last(
             bounded=ensemble.networks[0].bounded,
         )
         held_out = outputs[:, 0, None] + _unseen(changes, features[:, 0], part)  # (K, L, N, 2)
-        options = [(math.inf, start, outputs[:, 0])] + [
+        found = [(None, start, outputs[:, 0])] + [
             (strength, changes.applied(start, basis, chosen=0, strength=place), held_out[:, place])
             for place, strength in enumerate(strengths)
         ]
-        for strength, layers, estimates in options:
-            error = float((estimates[..., 0].mean(dim=0).clamp(0, 1) - deviations).abs().mean())
-            if best is None or error < best[0]:
-                best = error, layers, estimates, {"start": name, "strength": None if math.isinf(strength) else strength}
-    assert best is not None
-    _, layers, estimates, chosen = best
+        for strength, layers, estimates in found:
+            options.append((layers, estimates, {"start": name, "strength": strength}))
+            errors.append((estimates[..., 0].mean(dim=0).clamp(0, 1) - deviations).abs().double().numpy())
+    trained = np.array([chosen["strength"] is not None for _, _, chosen in options])
+    layers, estimates, chosen = options[choose(np.stack(errors), trained)]
     tuned = _with_layers(ensemble, layers)
     tuned.limits.copy_(
         limits_for(tuned, descriptions, familiar=float(base.card.settings["familiar"]), least=ensemble.limits)
     )
     median, gap = _estimates(tuned, estimates)
     return Finetuned(tuned, np.arange(len(part)), median, gap, {**chosen, "folds": int(part.max()) + 1})
+
+
+def choose(errors: NDArray[np.float64], trained: NDArray[np.bool_]) -> int:
+    """Return the option with the smallest mean error, one that learns nothing only if it is clearly better.
+
+    Without learning nothing is held out, so that few trials often speak for it by chance; clearly is by more than the
+    standard error of the paired difference to the best option that learns.
+
+    Args:
+        errors: Of O options on N trials that they did not learn from ``(O, N)``.
+        trained: Which options learn ``(O,)``, one or more of either.
+    """
+    means = errors.mean(axis=1)
+    learns, stays = (int(np.where(which, means, np.inf).argmin()) for which in (trained, ~trained))
+    worse = errors[learns] - errors[stays]
+    return stays if worse.mean() > worse.std(ddof=1) / math.sqrt(len(worse)) else learns
 
 
 def _parts(groups: NDArray[np.integer], *, seed: int) -> NDArray[np.int64]:

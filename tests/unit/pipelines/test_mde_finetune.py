@@ -18,6 +18,7 @@ from common.learning.training import threads
 from common.learning.weights import WeightsCard
 from pipelines.mde.descriptions import describe_samples
 from pipelines.mde.finetune import FinetuneSettings, Method, examples_of, finetune, release_finetuned
+from pipelines.mde.finetune_last import choose
 from pipelines.mde.finetuned import calibrate
 from pipelines.mde.trials import Trials
 from services.heuristic import HeuristicModel
@@ -105,6 +106,16 @@ def test_it_is_an_error_if_the_model_fails_on_every_trial():
     cases = [case for case in make_trials(8) if case.true_action is not None and case.true_action[0] < 0]
     with pytest.raises(RequestError, match=r"expected one that heuristic can predict, got none of .: trial.*no bodies"):
         Trials.predicted("kitchen", cases, Refusing())
+
+
+def test_learning_nothing_is_chosen_only_where_it_is_clearly_better():
+    rng, trained = np.random.default_rng(0), np.array([False, True, True])
+    better, scattered = np.full(50, 0.10), rng.uniform(0.0, 0.2, 50)
+    slightly, clearly = scattered - 0.002, scattered - 0.05
+    scattered_again = rng.permutation(scattered)
+    assert choose(np.stack([slightly, scattered_again, scattered_again + 0.01]), trained) == 1
+    assert choose(np.stack([clearly, scattered, scattered + 0.01]), trained) == 0
+    assert choose(np.stack([better, better + 0.03, better - 0.01]), trained) == 2
 
 
 @pytest.mark.parametrize("variant", ["crop", "paper"])

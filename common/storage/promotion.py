@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from common.domain.errors import FrugalError, UnavailableError
+from common.domain.errors import FrugalError, TimedOutError, UnavailableError
 from common.storage.registry import CARD, TENSORS, Registry, Version
 from common.wire.client import WorkerStatus, list_workers
 from common.wire.keys import Address
@@ -14,6 +14,8 @@ from common.wire.session import Session
 
 LOAD_S = 30.0
 """Time that a worker gets to take weights over [s]."""
+PROBE_S = 2.0
+"""Time that a health key gets to answer before it is asked again [s]."""
 PREFIX = "mde_"
 """Weights of the MDE of a model are named ``mde_<model>``."""
 
@@ -104,7 +106,7 @@ class Promotion:
         try:
             reply = ask(session, address.key("load"), request, LoadReply, timeout_s=LOAD_S)
         except NoReplyError:
-            if _is_gone(session, address):
+            if is_gone(session, address):
                 self.say(f"{address.worker}: gone")
                 return
             raise UnavailableError(
@@ -157,13 +159,25 @@ def _weights(worker: WorkerStatus) -> str | None:
     return None if worker.card is None else worker.card.weights
 
 
-def _is_gone(session: Session, address: Address) -> bool:
-    """Return whether nobody answers for a worker; the token of a process that has just ended may still be there."""
-    try:
-        ask(session, address.key("health"), None, Health, timeout_s=LOAD_S)
-    except NoReplyError:
-        return True
-    return False
+def is_gone(session: Session, address: Address) -> bool:
+    """Return whether nobody answers for a worker; the token of a process that has just ended may still be there.
+
+    It is asked again and again: no end is told of a question that the process took with it.
+
+    Raises:
+        TimedOutError: There was neither an answer nor an end in `LOAD_S`.
+    """
+    deadline = time.monotonic() + LOAD_S
+    while True:
+        try:
+            ask(session, address.key("health"), None, Health, timeout_s=PROBE_S)
+        except NoReplyError:
+            return True
+        except TimedOutError:
+            if time.monotonic() >= deadline:
+                raise
+        else:
+            return False
 
 
 def _request(version: Version) -> LoadRequest:

@@ -5,17 +5,20 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 
 from common.domain.deviation import Estimates
 from common.domain.errors import FrugalError, ModelError, UnavailableError
-from common.storage.promotion import Promotion
+from common.storage.promotion import LOAD_S, Promotion, is_gone
 from common.storage.registry import CARD, TENSORS, Registry
 from common.wire.directory import Directory
 from common.wire.dispatch import Limits
+from common.wire.keys import Address
 from common.wire.messages import LoadReply, LoadRequest
 from common.wire.query import ask
 from common.wire.remote import RemoteEstimator
@@ -125,6 +128,24 @@ def test_a_worker_that_dies_meanwhile_holds_nobody_up(
     directory.wait_for("mde", "tilted", count=2, timeout_s=START_S)
     assert promote("mde_tilted", "2") == ["mde/tilted/mortal: gone", "mde/tilted/z: 2, before 1"]
     assert active(registry) == ["2"]
+
+
+def test_a_question_that_a_dying_worker_took_with_it_holds_nobody_up(session: Session):
+    gone, kept = Address("plating", "mde", "tilted", "gone"), list[zenoh.Query]()
+    first = threading.Event()
+
+    def take_along(query: zenoh.Query) -> None:
+        kept.append(query)
+        first.set()
+
+    began = time.monotonic()
+    with ThreadPoolExecutor(1) as pool:
+        with session.declare_queryable(gone.key("health"), take_along):
+            asked = pool.submit(is_gone, session, gone)
+            assert first.wait(START_S)
+        assert asked.result()
+    assert len(kept) == 1
+    assert time.monotonic() - began < LOAD_S / 2
 
 
 def test_the_first_version_of_an_mde_that_was_never_released_is_promoted(

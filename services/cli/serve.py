@@ -105,33 +105,37 @@ def model(*, where: str, instance: str, task: str) -> None:
 @TASK
 def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> None:
     """Serve the MDE of a model; weights that are not what their card says are refused."""
+    import zenoh
+
+    from common.wire.host import Host
     from common.wire.run import run_host
     from common.wire.serve import host_estimator
     from services.cli.released import released
     from services.mde.estimator import parse_estimator, read_estimator
 
-    served = read_estimator(weights or released(f"mde_{estimated}"), model=estimated, threads=1)
-    chosen = TASKS[task]
-    adapted = chosen.adapt_estimator(served)
+    chosen, name = TASKS[task], f"mde_{estimated}"
+    folder = weights or released(name)
+    first = read_estimator(folder, model=estimated, threads=1)
 
-    def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
-        found = parse_estimator(card, tensors, instead_of=served)
-        return chosen.adapt_estimator(found), found.weights
+    def build(session: zenoh.Session) -> Host:
+        now = weights or released(name)  # the router may have come long after the weights were read
+        served = first if now == folder else read_estimator(now, model=estimated, threads=1)
 
-    sys.exit(
-        run_host(
-            lambda session: host_estimator(
-                session,
-                adapted,
-                task=task,
-                instance=instance,
-                weights=served.weights,
-                parameters=chosen.names,
-                load=load,
-            ),
-            WireSettings(),
+        def load(card: bytes, tensors: bytes) -> tuple[DeviationEstimator, str]:
+            found = parse_estimator(card, tensors, instead_of=served)
+            return chosen.adapt_estimator(found), found.weights
+
+        return host_estimator(
+            session,
+            chosen.adapt_estimator(served),
+            task=task,
+            instance=instance,
+            weights=served.weights,
+            parameters=chosen.names,
+            load=load,
         )
-    )
+
+    sys.exit(run_host(build, WireSettings()))
 
 
 @serve.command()

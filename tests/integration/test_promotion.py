@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -24,6 +25,7 @@ from common.domain.deviation import Estimates
 from common.domain.errors import FrugalError, ModelError
 from common.learning.weights import CARD, TENSORS, GridCard, read_card, save
 from common.storage.dataset import Dataset
+from common.storage.promotion import Promotion
 from common.storage.registry import Registry
 from common.wire.codec import decode, encode
 from common.wire.directory import Directory
@@ -31,9 +33,10 @@ from common.wire.dispatch import Limits
 from common.wire.messages import EstimateReply, EstimateRequest, LoadReply, LoadRequest
 from common.wire.query import ask
 from common.wire.remote import RemoteEstimator
-from common.wire.session import Session
+from common.wire.session import Session, open_router, open_session
+from common.wire.settings import WireSettings
 from services.mde.estimator import read_estimator
-from tests.fakes import serving
+from tests.fakes import free_endpoint, serving
 from tests.mde_fakes import small_settings, write_dataset, write_weights
 
 QUERIES = 1000
@@ -181,6 +184,26 @@ def test_a_worker_that_starts_after_a_promotion_begins_with_the_promoted_version
         back = served.command("rollback", "mde_heuristic")
         assert back.returncode == 0, back.stderr
         assert remote.estimate(state, np.zeros((1, 2))).version == "1"
+
+
+def test_a_worker_that_waits_for_a_router_begins_with_what_is_promoted_meanwhile(
+    models: Path, made: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("FRUGAL_MODELS", str(models))
+    settings = WireSettings(connect=(endpoint := free_endpoint(),), listen=(endpoint,))
+    alone = Served(endpoint, models, tmp_path / "log")
+    with alone.start():
+        while "waiting for a Zenoh router" not in (tmp_path / "log").read_text():
+            time.sleep(0.05)
+        registry = Registry(models)
+        registry.add("mde_heuristic", made["2"])
+        Promotion(registry, "mde_heuristic", None, print).promote("2")
+        with open_router(settings), open_session(settings, wait_s=START_S) as session:
+            directory = Directory(session, task="plating")
+            (worker,) = directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
+            directory.close()
+            assert worker.card is not None
+            assert worker.card.version == "2"
 
 
 def test_a_worker_that_is_killed_after_a_promotion_comes_back_with_the_promoted_version(

@@ -105,11 +105,10 @@ def model(*, where: str, instance: str, task: str) -> None:
 @TASK
 def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> None:
     """Serve the MDE of a model; weights that are not what their card says are refused."""
-    import zenoh
-
     from common.wire.host import Host
     from common.wire.run import run_host
     from common.wire.serve import host_estimator
+    from common.wire.session import Session
     from services.cli.released import released
     from services.mde.estimator import parse_estimator, read_estimator
 
@@ -117,7 +116,7 @@ def mde(*, estimated: str, weights: Path | None, instance: str, task: str) -> No
     folder = weights or released(name)
     first = read_estimator(folder, model=estimated, threads=1)
 
-    def build(session: zenoh.Session) -> Host:
+    def build(session: Session) -> Host:
         now = weights or released(name)  # the router may have come long after the weights were read
         served = first if now == folder else read_estimator(now, model=estimated, threads=1)
 

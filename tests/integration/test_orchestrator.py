@@ -62,6 +62,12 @@ class System:
             assert time.monotonic() < deadline, self.log.read_text()
             time.sleep(0.02)
 
+    def wait_until_known(self, is_known: Callable[[Result], bool]) -> None:
+        """Wait until the orchestrator, which is told of workers apart from this process, shows that it knows them."""
+        deadline = time.monotonic() + 20
+        while not is_known(self.optimize(evaluations=4)):
+            assert time.monotonic() < deadline, self.log.read_text()
+
     def optimize(self, on_progress: Callable[[Progress], None] | None = None, **options: object) -> Result:
         return client.optimize(self.session, a_request(**options), on_progress=on_progress, timeout_s=60).result()
 
@@ -113,7 +119,7 @@ def test_the_simulator_stays_applicable_with_an_mde_of_its_own_alive(system: Sys
     system.start("good", "a")
     without = system.optimize(strategy=strategy)
     system.workers.enter_context(running("mde", "simulator", "m", endpoint=system.endpoint, log=system.log))
-    system.wait_for(lambda names: "mde/simulator/m" in names)
+    system.wait_until_known(lambda result: "simulator" in result.trials[-1].estimates)
     result = system.optimize(strategy=strategy)
     assert what(result.trials) == what(without.trials)
     radius = [min(10 * float(np.hypot(*trial.action)), 1.0) for trial in result.trials]
@@ -124,6 +130,7 @@ def test_the_simulator_stays_applicable_with_an_mde_of_its_own_alive(system: Sys
 def test_by_default_as_many_evaluations_are_in_flight_as_there_are_replicas(system: System, replicas: int):
     for instance in "abc"[:replicas]:
         system.start("good", instance)
+    system.wait_until_known(lambda result: result.in_flight >= replicas)
     result = system.optimize()
     assert result.in_flight == replicas
     assert what(result.trials) == what(locally(in_flight=replicas).trials)

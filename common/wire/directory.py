@@ -57,7 +57,6 @@ class _Entry:
     load: int = 0
     load_seen: float = -1e9
     suspect_until: float = -1e9
-    heard: float = -1e9
     states: OrderedDict[str, None] = field(default_factory=OrderedDict)
 
 
@@ -201,7 +200,6 @@ class Directory:
                 return
             entry.suspect_until = -1e9
             entry.load, entry.load_seen = load, time.monotonic()
-            entry.heard = entry.load_seen
             entry.states[digest] = None
             entry.states.move_to_end(digest)
             if len(entry.states) > STATES_REMEMBERED:
@@ -226,7 +224,7 @@ class Directory:
         """
         with self._changed:
             entry = self._entries.get(address)
-            heard = entry is not None and time.monotonic() - entry.heard < HEARD_S
+            heard = entry is not None and time.monotonic() - entry.load_seen < HEARD_S
         return heard or self.probe(address)
 
     def probe(self, address: Address) -> bool:

@@ -32,7 +32,7 @@ def draw_curves(experiment: Experiment, numbers: Sequence[Number]) -> Figure:
         own = [one for one in numbers if one.key.startswith(f"{series.key}.")]
         trials = [int(one.key.rpartition(".")[2]) for one in own]
         values = np.array([(one.value, one.low, one.high) for one in own], dtype=np.float64)
-        if len(own) == 1:
+        if trials == [0]:
             ax.axhline(values[0, 0], color="#222222", linewidth=1, label=f"{series.label}: {values[0, 0]:.3g}")
             continue
         everywhere |= set(trials)

@@ -114,8 +114,16 @@ def _factor(known: Points, scale: float, noise: float) -> Values:
 
 
 def _kernel(points: Values, others: Values, scale: float) -> Values:
-    linear: Values = points @ others.T
-    squared = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * linear
-    distance = math.sqrt(5) / scale * np.sqrt(squared.clip(0))
-    correlated: Values = (1 + distance * (1 + distance / 3)) * np.exp(-distance)
-    return np.asarray(1 + linear + correlated, dtype=np.float64)
+    return np.asarray(1 + points @ others.T + matern(points, others, scale), dtype=np.float64)
+
+
+def matern(points: Values, others: Values, scale: float) -> Values:
+    """Return the Matern-5/2 correlation of points ``(N, D)`` and others ``(M, D)``: ``(N, M)``."""
+    distance = math.sqrt(5) / scale * np.sqrt(squared_distances(points, others))
+    return np.asarray((1 + distance * (1 + distance / 3)) * np.exp(-distance), dtype=np.float64)
+
+
+def squared_distances(points: Values, others: Values) -> Values:
+    """Return ``|p - o|^2`` of points ``(N, D)`` and others ``(M, D)``: ``(N, M)``."""
+    found = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * points @ others.T
+    return np.asarray(found.clip(0), dtype=np.float64)

@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Values = NDArray[np.float64]
+from common.domain.errors import RequestError
+from pipelines.mde.active_belief import Values, matern, squared_distances
 
 REACH = 2.0
 """Length scale of the Matern-5/2 kernel, over the median distance of what will be met [-]."""
@@ -28,12 +28,16 @@ def choose_representative(met: Values, tried: Values, candidates: Values, *, cou
         tried: Those of the trials so far ``(T, D)``, none or more.
         candidates: Those of what may be tried ``(C, D)``.
         count: How many to choose, at most C.
+
+    Raises:
+        RequestError: There are not so many candidates.
     """
-    scale = (
-        REACH * math.sqrt(float(np.median(_squared(met, met)[~np.eye(len(met), dtype=bool)]))) if len(met) > 1 else 1.0
-    )
-    towards = _kernel(candidates, met, scale).mean(axis=1)
-    away, among = _kernel(candidates, tried, scale).sum(axis=1), _kernel(candidates, candidates, scale)
+    if count > len(candidates):
+        raise RequestError(f"count: expected 1 to {len(candidates)}, the number of candidates, got {count}")
+    apart = squared_distances(met, met)[~np.eye(len(met), dtype=bool)]
+    scale = max(REACH * math.sqrt(float(np.median(apart))), 1e-12) if len(apart) else 1.0
+    towards = matern(candidates, met, scale).mean(axis=1)
+    away, among = matern(candidates, tried, scale).sum(axis=1), matern(candidates, candidates, scale)
     chosen: list[int] = []
     for number in range(count):
         scores = towards - away / (len(tried) + number + 1)
@@ -41,16 +45,6 @@ def choose_representative(met: Values, tried: Values, candidates: Values, *, cou
         chosen.append(int(scores.argmax()))
         away = away + among[:, chosen[-1]]
     return chosen
-
-
-def _squared(points: Values, others: Values) -> Values:
-    found = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * points @ others.T
-    return np.asarray(found.clip(0), dtype=np.float64)
-
-
-def _kernel(points: Values, others: Values, scale: float) -> Values:
-    distance = math.sqrt(5) / max(scale, 1e-12) * np.sqrt(_squared(points, others))
-    return np.asarray((1 + distance * (1 + distance / 3)) * np.exp(-distance), dtype=np.float64)
 
 
 def order_of(described: Values, first: Sequence[int], count: int) -> list[int]:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
 
@@ -198,10 +198,12 @@ def test_a_worker_that_waits_for_a_router_begins_with_what_is_promoted_meanwhile
         registry = Registry(models)
         registry.add("mde_heuristic", made["2"])
         Promotion(registry, "mde_heuristic", None, print).promote("2")
-        with open_router(settings), open_session(settings, wait_s=START_S) as session:
-            directory = Directory(session, task="plating")
+        with (
+            open_router(settings),
+            open_session(settings, wait_s=START_S) as session,
+            closing(Directory(session, task="plating")) as directory,
+        ):
             (worker,) = directory.wait_for("mde", "heuristic", timeout_s=2 * START_S)
-            directory.close()
             assert worker.card is not None
             assert worker.card.version == "2"
 

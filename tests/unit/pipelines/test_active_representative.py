@@ -1,7 +1,9 @@
 """Trials that look like what will be met."""
 
 import numpy as np
+import pytest
 
+from common.domain.errors import RequestError
 from pipelines.mde.active_representative import choose_representative, order_of
 
 RNG = np.random.default_rng(0)
@@ -25,6 +27,12 @@ def test_few_chosen_ones_have_a_mean_nearer_to_that_of_all_than_as_many_by_chanc
     by_chance = [points[RNG.choice(240, 20, replace=False)].mean(axis=0) for _ in range(50)]
     distances = [np.linalg.norm(mean - points.mean(axis=0)) for mean in by_chance]
     assert np.linalg.norm(chosen - points.mean(axis=0)) < np.quantile(distances, 0.1)
+
+
+def test_more_than_there_is_cannot_be_chosen():
+    met = RNG.normal(size=(10, 2))
+    with pytest.raises(RequestError, match="count: expected 1 to 4, the number of candidates, got 5"):
+        choose_representative(met, met[:2], met[:4], count=5)
 
 
 def test_an_order_begins_with_the_first_and_names_nobody_twice():

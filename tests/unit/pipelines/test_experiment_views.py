@@ -140,6 +140,19 @@ def test_curves_have_a_number_for_each_size_and_the_paired_difference(curves: Ex
     assert [line.get_label() for line in shown.figure.axes[0].get_lines()] == ["pretrained", "scratch"]
 
 
+def test_one_number_of_trials_is_a_point_and_none_a_line_named_with_its_value(curves: Experiment):
+    rows = [
+        row
+        for method, trials in (("pretrained", 80), ("scratch", 0))
+        for row in judgements("learned", error=0.3, method=method, trials=trials)
+    ]
+    figure = VIEWS["learning_curves"](curves, {"sizes": raw(rows)}).figure
+    assert figure is not None
+    assert [line.get_label() for line in figure.axes[0].get_lines()] == ["pretrained", "scratch: 0.31"]
+    low, high = figure.axes[0].get_ylim()
+    assert 0 < low < 0.31 < high
+
+
 def test_a_seed_that_has_not_judged_every_sample_is_told_of(curves: Experiment):
     rows = [row for method in ("pretrained", "scratch") for row in judgements("learned", error=0.1, method=method)]
     with pytest.raises(RequestError, match="expected 3 seeds with one judgement of 6 samples each, got 17"):
